@@ -4,7 +4,7 @@ import sys
 
 import replay_kit as rk
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.export.export import TABLES
+from replay_kit.show.export import TABLES
 
 contents = Contents(rk.open_result(sys.argv[1]))
 dives = TABLES["dives"](contents, ()).dropna(subset="dac_eastward_measured")

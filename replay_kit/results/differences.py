@@ -4,8 +4,9 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,8 +25,7 @@ _PLANNED = ("legs", "departures")
 _OF_MAKING = ("settings.", "replay_kit.inputs", "replay_kit.options", "replay_kit.versions")
 
 
-@dataclass(frozen=True, slots=True)
-class Recorded:
+class Recorded(NamedTuple):
     """Record of the run that made a result.
 
     Attributes:
@@ -106,11 +106,11 @@ class Difference:
             yield (
                 f"estimate at {one.depth:g} m: RMS {rms:.2g}, at most {most:.2g} cm/s; standard error at most {error:.2g} cm/s"
             )
-        for table in self.tables:
-            if table.rows[0] != table.rows[1]:
-                yield f"table {table.name}: {table.rows[0]} | {table.rows[1]} rows"
-            for name, value in table.columns.items():
-                yield f"table {table.name}: {name} differs by {value:.3g}"
+        for name, (rows, others), columns in map(
+            attrgetter("name", "rows", "columns"), self.tables
+        ):
+            yield from [f"table {name}: {rows} | {others} rows"] * (rows != others)
+            yield from (f"table {name}: {k} differs by {v:.3g}" for k, v in columns.items())
         yield from self.findings
 
 
@@ -156,19 +156,11 @@ def difference(one: Path, other: Path) -> Difference:
             raise LogError(f"{one} and {other}: expected one {what}, got {a} and {b}")
     tables, findings = list[TableDifference](), list[str]()
     for name in vehicles[0]:
-        first, second = (
-            ResultFile(each.path, vehicle=name, opened=each.reader.file) if name else each
-            for each in files
-        )
-        tables += _tables(name, first, second)
-        changes = _changes(_found(first), _found(second))
-        findings += [f"{name}: {text}" if name else text for text in changes]
-    return Difference(
-        tuple(_changes(*map(_made, records))),
-        tuple(_levels(*files)),
-        tuple(tables),
-        tuple(findings),
-    )
+        parts = [ResultFile(each.path, vehicle=name, opened=each.reader.file) for each in files]
+        tables += _tables(name, *parts)
+        findings += [f"{name}: {text}".removeprefix(": ") for text in _changes(*map(_found, parts))]
+    made = tuple(_changes(*map(_made, records)))
+    return Difference(made, tuple(_levels(*files)), tuple(tables), tuple(findings))
 
 
 def _changes(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
@@ -213,10 +205,10 @@ def _levels(one: ResultFile, other: ResultFile) -> Iterator[LevelDifference]:
     if not (one.has_estimate or other.has_estimate):
         return
     for a, b in zip(one.estimates, other.estimates, strict=False):
-        grids = [(each.grid.longitude, each.grid.latitude, each.grid.levels) for each in (a, b)]
+        axes = [attrgetter("longitude", "latitude", "levels")(each.grid) for each in (a, b)]
         alike = all(
             x.shape == y.shape and np.allclose(x, y, rtol=0.0, atol=1e-6)
-            for x, y in zip(*grids, strict=True)
+            for x, y in zip(*axes, strict=True)
         )
         if not alike or len(one.estimates) != len(other.estimates) or a.span_ns != b.span_ns:
             what = "period" if alike and a.span_ns != b.span_ns else "grid"
@@ -237,10 +229,9 @@ def _levels(one: ResultFile, other: ResultFile) -> Iterator[LevelDifference]:
 def _tables(vehicle: str, one: ResultFile, other: ResultFile) -> Iterator[TableDifference]:
     for name in _TABLES:
         a, b = (getattr(each, name).reset_index() for each in (one, other))
-        columns = dict[str, float]()
-        if len(a) == len(b):
-            each = {str(name): _column_difference(a[name], b[name]) for name in a if name in b}
-            columns = {column: value for column, value in each.items() if value > 0.0}
+        same = [column for column in a if column in b and len(a) == len(b)]
+        each = {str(column): _column_difference(a[column], b[column]) for column in same}
+        columns = {column: value for column, value in each.items() if value > 0.0}
         if columns or len(a) != len(b):
             yield TableDifference(f"{vehicle} {name}".strip(), (len(a), len(b)), columns)
 
@@ -248,16 +239,13 @@ def _tables(vehicle: str, one: ResultFile, other: ResultFile) -> Iterator[TableD
 def _column_difference(one: Any, other: Any) -> float:
     """Return the largest difference of two columns beyond the tolerance, times in seconds; for texts and flags the unequal rows."""
     if one.dtype.kind in "mM":
-        return float(np.abs((one - other).dt.total_seconds()).max() if len(one) else 0.0)
+        return float((one - other).dt.total_seconds().abs().max() if len(one) else 0.0)
     if one.dtype.kind not in "fiu" or other.dtype.kind not in "fiu":
-        texts = [
-            each.astype(object).where(each.notna(), "").astype(str).to_numpy()
-            for each in (one, other)
-        ]
-        return float(np.sum(texts[0] != texts[1]))
+        a, b = (each.astype(object).where(each.notna(), "").astype(str) for each in (one, other))
+        return float((a != b).sum())
     a, b = one.to_numpy(np.float64), other.to_numpy(np.float64)
-    alike = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore"):
-        off = np.nan_to_num(np.where(alike, 0.0, np.abs(a - b)), nan=np.inf, posinf=np.inf)
+        off = np.nan_to_num(np.abs(a - b), nan=np.inf, posinf=np.inf)
     beyond = off > TOLERANCE * np.maximum(np.nan_to_num(np.abs(a)), 1.0)
-    return float(off[beyond].max(initial=0.0))
+    alike = (a == b) | (np.isnan(a) & np.isnan(b))
+    return float(off[beyond & ~alike].max(initial=0.0))

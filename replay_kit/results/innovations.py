@@ -5,7 +5,7 @@ read block by block, as a long log may exceed memory.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,8 @@ _SUMS = {
     **dict.fromkeys((f"square_{name}" for name in _RMS), "sum"),
     **{"first": "min", "last": "max"},
 }
+# A column that a block has for a while, the ordinal of each row.
+_PLACE = "place"
 #: Columns of a block by their names.
 Columns = dict[str, NDArray[Any]]
 #: Measurements, a row each, and their bins; ``observation`` of a bin is the row of its measurement.
@@ -202,28 +204,34 @@ class Measured:
 
 
 def measured_of(
-    blocks: Callable[[], Iterable[Columns]], most: int = MOST, most_bins: int = MOST_BINS
+    blocks: Iterable[Columns], most: int = MOST, most_bins: int = MOST_BINS
 ) -> Measured:
     """Return measurements thinned for figures.
 
     Args:
-        blocks: Yields all blocks; called twice, as they may exceed memory.
+        blocks: All blocks, which together may exceed memory.
         most: Number of profiles above which every second is kept, then every fourth, and so on.
         most_bins: The same limit for bins.
     """
     import pandas as pd
 
-    sums, seen, bins, every = list[pd.DataFrame](), Counter[str](), 0, 1
-    for columns in larger(blocks()):
+    sums, kept, seen, bins, every = list[pd.DataFrame](), list[Columns](), Counter[str](), 0, 1
+    for columns in larger(blocks):
         observations, of_bins = tables_of(columns)
         sums.append(_sums(_addends(observations)))
-        _places(columns, seen)
+        kept.append(columns | {_PLACE: _places(columns, seen)})
         bins += len(of_bins)
-    while max(seen.total() / most, bins / most_bins) > every:
-        every *= 2
-    seen.clear()
-    kept = (picked(one, _places(one, seen) % every == 0) for one in larger(blocks()))
+        while max(seen.total() / most, bins / most_bins) > every:
+            every *= 2
+        kept = [picked(one, one[_PLACE] % every == 0) for one in kept]
     return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)))
+
+
+def thinned(count: int, most: int) -> NDArray[np.intp]:
+    """Return at most ``most`` of ``count`` indices, evenly spread, including the first and the last."""
+    if count <= most:
+        return np.arange(count)
+    return np.unique(np.rint(np.linspace(0, count - 1, most)).astype(np.intp))
 
 
 def of_dives(sums: "pd.DataFrame") -> "pd.DataFrame":

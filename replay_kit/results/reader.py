@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mcap.records import Attachment, Schema
 from mcap_protobuf.decoder import DecoderFactory
@@ -28,18 +28,69 @@ from replay_kit.results.mcap.topics import (
     message_counts,
 )
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
-from replay_kit.results.vehicles import (
-    VEHICLES_RECORD,
-    VehicleRecord,
-    part_path,
-    topic_of,
-    vehicle_records,
-)
 
 if TYPE_CHECKING:
     from mcap.summary import Summary
 
     from replay_kit.core.flow.estimate import FlowEstimate
+
+
+#: Record of a result of several vehicles: name to logs and goal, as JSON.
+VEHICLES_RECORD = "replay_kit.vehicles"
+#: Names that no vehicle may have, as topics begin with them.
+RESERVED = ("flow", "input", "log", "plan", "tf", "vehicle")
+_SHARED = ("/flow/estimate", "/flow/grid/", "/flow/arrows/", "/flow/surface", "/plan/seabed")
+_SHORT = {
+    "/vehicle/fix": "fix",
+    "/flow/innovation": "innovation",
+    "/flow/consistency": "consistency",
+    "/flow/surfacing": "surfacing",
+}
+
+
+class VehicleRecord(NamedTuple):
+    """Record of one vehicle in a result of several.
+
+    Attributes:
+        name: Name of the vehicle.
+        logs: Keys of its logs among the inputs.
+        goal: Goal as in the option; empty without one.
+        why_not: Why its measurements were not used; else empty.
+    """
+
+    name: str
+    logs: tuple[str, ...]
+    goal: str = ""
+    why_not: str = ""
+
+    def to_text(self) -> str:
+        """Return the text of the record."""
+        return json.dumps({"logs": self.logs, "goal": self.goal, "why_not": self.why_not})
+
+
+def vehicle_records(metadata: Mapping[str, Mapping[str, str]]) -> tuple[VehicleRecord, ...]:
+    """Return the vehicles in a result's metadata in order of their names; empty for a single vehicle."""
+    held = sorted(metadata.get(VEHICLES_RECORD, {}).items())
+    parts = [(name, json.loads(text)) for name, text in held]
+    return tuple(VehicleRecord(name, **one | {"logs": tuple(one["logs"])}) for name, one in parts)
+
+
+def topic_of(vehicle: str, topic: str) -> str:
+    """Return the topic of a vehicle's messages; unchanged for a single vehicle (empty name) and for the estimate."""
+    if not vehicle or topic.startswith(_SHARED):
+        return topic
+    return f"/{vehicle}/{_SHORT.get(topic, topic[1:])}"
+
+
+def name_of(vehicle: str, name: str) -> str:
+    """Return the name of a vehicle's record or attachment; unchanged for a single vehicle."""
+    return f"{vehicle}/{name}" if vehicle else name
+
+
+def part_path(path: Path, vehicle: str, folder: Path) -> Path:
+    """Return the file of one vehicle in a folder, such as ``out.sg1.mcap`` for ``out.mcap``."""
+    return folder / f"{path.stem}.{vehicle}{path.suffix}"
+
 
 _INPUTS, _OPTIONS = "replay_kit.inputs", "replay_kit.options"
 # The first contract version that is read, of 0.3.
@@ -99,18 +150,14 @@ class ResultReader:
         """Records by name, without digests; for a vehicle its own and the common ones, with its logs and goal alone."""
         if not self.vehicle:
             return {name: values for name, values in self.records if name != DIGEST_NAME}
-        found = dict[str, dict[str, str]]()
-        for full, values in self.records:
-            owner, _, name = full.rpartition("/")
-            if name not in (DIGEST_NAME, VEHICLES_RECORD) and owner in ("", self.vehicle):
-                found[name] = values
+        split = [(*full.rpartition("/")[::2], values) for full, values in self.records]
+        found = {name: values for owner, name, values in split if owner in ("", self.vehicle)}
+        for name in (DIGEST_NAME, VEHICLES_RECORD):
+            found.pop(name, None)
         (own,) = (one for one in vehicle_records(dict(self.records)) if one.name == self.vehicle)
-        found[_INPUTS] = {
-            key: text
-            for key, text in found.get(_INPUTS, {}).items()
-            if not key.startswith("log") or key in own.logs
-        }
-        return found | {_OPTIONS: {**found.get(_OPTIONS, {}), "goal": own.goal}}
+        inputs = found.get(_INPUTS, {}).items()
+        kept = {k: text for k, text in inputs if not k.startswith("log") or k in own.logs}
+        return found | {_INPUTS: kept, _OPTIONS: {**found.get(_OPTIONS, {}), "goal": own.goal}}
 
     @property
     def projection(self) -> Projection:
@@ -131,7 +178,11 @@ class ResultReader:
         found = dict[str, Attachment]()
         for one in self.summary.attachment_indexes:
             owner, _, name = one.name.rpartition("/")
-            if self.vehicle and owner != self.vehicle and not _is_common(name):
+            if (
+                self.vehicle
+                and owner != self.vehicle
+                and not (name == CONFIG_NAME or name.startswith("estimate"))
+            ):
                 continue
             if not self.vehicle:
                 name = one.name
@@ -236,10 +287,6 @@ def check_result(reader: ResultReader) -> None:
         raise LogError(
             f"{path}: expected a result of version 0.3.0 or later, got one of contract version {version}; replay the log again"
         )
-
-
-def _is_common(name: str) -> bool:
-    return name == CONFIG_NAME or name.startswith("estimate")
 
 
 def _estimate(path: Path, held: Attachment) -> "FlowEstimate":

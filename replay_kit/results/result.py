@@ -161,7 +161,7 @@ class ResultFile:
     @cached_property
     def measured(self) -> Measured:
         """Measurements thinned for figures, with sums over all."""
-        return measured_of(self.blocks)
+        return measured_of(self.blocks())
 
     def blocks(self) -> Iterator[Columns]:
         """Yield the columns of ``/flow/innovation`` by block, see ``columns_of``."""

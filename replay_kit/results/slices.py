@@ -4,22 +4,27 @@ The grid is along the local axes, with about the ensemble's spacing and centres 
 estimate is in the attachment ``estimate.npz``.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
+from zlib import crc32
 
 import foxglove.messages as fox
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import known_at
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid, Projection, Seabed
-from replay_kit.results.mcap.messages import FRAME, orientation, pose, stamp
 
 if TYPE_CHECKING:
     import pandas as pd
 
+#: Frame of all poses: local east, local north, up, so z = -depth.
+FRAME = "map"
 # The longest arrow of the first slices is this many arrow spacings long.
 _ARROW_CELLS = 1.5
 
@@ -32,26 +37,63 @@ _SURFACE = ["time", "longitude", "latitude", "depth", "u", "v", *FIELDS[3:]]
 _COLOR = fox.Color(r=0.05, g=0.2, b=0.5, a=1.0)
 
 
-class Slice(NamedTuple):
-    """Flow at one depth on a regular local grid.
+def stamp(time_ns: int) -> fox.Timestamp:
+    """Return a Foxglove timestamp.
+
+    Raises:
+        ReplayKitError: The time lies outside 1970..2106, the range of the message.
+    """
+    try:
+        return fox.Timestamp(*divmod(time_ns, 10**9))
+    except OverflowError as error:
+        raise ReplayKitError(
+            f"time {time_ns} ns cannot be written: result files hold times from 1970 to 2106; check the log's clock"
+        ) from error
+
+
+def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:
+    """Return a pose in the frame ``map``."""
+    return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=rotation)
+
+
+# a vehicle keeps its heading from one position to the next
+@lru_cache(maxsize=8)
+def orientation(east: float, north: float, up: float) -> fox.Quaternion:
+    """Return the rotation of the x axis to a direction, without roll: yaw 0 = east, counter-clockwise, then nose up."""
+    yaw, down = 0.5 * math.atan2(north, east), -0.5 * math.atan2(up, math.hypot(east, north))
+    return fox.Quaternion(
+        x=-math.sin(yaw) * math.sin(down),
+        y=math.cos(yaw) * math.sin(down),
+        z=math.sin(yaw) * math.cos(down),
+        w=math.cos(yaw) * math.cos(down),
+    )
+
+
+def basis_of(flow: FlowEstimate) -> int:
+    """Return a number that identifies the modes of an estimate's window."""
+    return crc32(flow.modes.astype("<f4").tobytes())
+
+
+class Slices(NamedTuple):
+    """Flow at some depths on a regular local grid.
 
     Attributes:
-        depth: [m], positive down.
+        depths: shape (D,) [m], positive down.
         east: shape (I,) [m], cell centres.
         north: shape (J,) [m], cell centres.
-        fields: shape (4, J, I), or (2, J, I) without an uncertainty [m/s]: velocity along local east and north, and its standard errors;
-            NaN where dry, outside the ensemble's outline and below its last level.
+        fields: shape (D, 4, J, I), or (D, 2, J, I) without an uncertainty [m/s]: velocity along local east and north, and its standard
+            errors; NaN where dry, outside the ensemble's outline and below its last level.
     """
 
-    depth: float
+    depths: Array
     east: Array
     north: Array
     fields: Array
 
     @property
-    def cell(self) -> tuple[float, float]:
-        """Cell size (east, north) [m]."""
-        return float(self.east[1] - self.east[0]), float(self.north[1] - self.north[0])
+    def cell(self) -> float:
+        """Length of the shorter side of a cell [m]."""
+        return float(min(self.east[1] - self.east[0], self.north[1] - self.north[0]))
 
     @property
     def arrow_stride(self) -> int:
@@ -59,17 +101,15 @@ class Slice(NamedTuple):
         return -(-max(self.east.size, self.north.size) // _MAX_ARROWS_A_SIDE)
 
 
-def depth_slices(flow: FlowEstimate, depths: Sequence[float]) -> list[Slice]:
+def depth_slices(flow: FlowEstimate, depths: Sequence[float]) -> Slices:
     """Return slices of a flow at depths [m] on a regular grid near the ensemble's own."""
-    east, north = slice_axes(flow.grid)
+    axes, down = slice_axes(flow.grid), np.array(depths, np.float64)
     # what depends on the place alone is computed once for all depths
-    at = (*np.meshgrid(east, north), np.array(depths, np.float64)[:, None, None])
+    at = (*np.meshgrid(*axes), down[:, None, None])
     parts = [flow.velocity(*at), *([flow.standard_error(*at)] if flow.n_modes else [])]
     known = known_at(flow.grid, *at)[..., None]
-    fields = np.moveaxis(np.where(known, np.concatenate(parts, axis=-1), np.nan), -1, 1)
-    return [
-        Slice(float(depth), east, north, each) for depth, each in zip(depths, fields, strict=True)
-    ]
+    fields = np.where(known, np.concatenate(parts, axis=-1), np.nan)
+    return Slices(down, *axes, np.moveaxis(fields, -1, 1))
 
 
 def slice_axes(grid: Grid) -> tuple[Array, Array]:
@@ -77,14 +117,14 @@ def slice_axes(grid: Grid) -> tuple[Array, Array]:
     return _axis(grid, grid.east), _axis(grid, grid.north)
 
 
-def grid_message(time_ns: int, value: Slice) -> fox.Grid:
-    """Return a slice as packed float32 cells of u, v, speed and standard errors of u and v [m/s]; rows go north, columns east.
+def grid_message(time_ns: int, value: Slices, level: int = 0) -> fox.Grid:
+    """Return one depth as packed float32 cells of u, v, speed and standard errors of u and v [m/s]; rows go north, columns east.
 
     Without an uncertainty there are no standard errors.
     """
-    velocity, errors = value.fields[:2], value.fields[2:]
-    cells = dict(zip(FIELDS, (*velocity, np.hypot(*velocity), *errors), strict=False))
-    return _packed_grid(time_ns, value.east, value.north, -value.depth, cells)
+    u, v, *errors = value.fields[level]
+    cells = dict(zip(FIELDS, (u, v, np.hypot(u, v), *errors), strict=False))
+    return _packed_grid(time_ns, value.east, value.north, -float(value.depths[level]), cells)
 
 
 def seabed_message(time_ns: int, value: Seabed) -> fox.Grid:
@@ -146,38 +186,34 @@ def surface_table(messages: Iterable[tuple[int, Any]], projection: Projection) -
     return rows.set_index("time")
 
 
-def arrow_scale(slices: list[Slice]) -> float | None:
+def arrow_scale(slices: Slices) -> float | None:
     """Return the arrow length for 1 m/s [m], so that the fastest arrow spans 1.5 arrow spacings; None for a flow at rest."""
-    speeds = [np.hypot(*value.fields[:2]) for value in slices]
-    fastest = max(
-        (float(np.max(one, where=one >= 0.0, initial=0.0)) for one in speeds), default=0.0
-    )
-    if fastest == 0.0:
-        return None
-    return _ARROW_CELLS * min(min(value.cell) * value.arrow_stride for value in slices) / fastest
+    speed = np.hypot(slices.fields[:, 0], slices.fields[:, 1])
+    fastest = float(np.max(speed, where=speed >= 0.0, initial=0.0))
+    return _ARROW_CELLS * (slices.cell * slices.arrow_stride) / fastest if fastest else None
 
 
-def arrows_message(time_ns: int, value: Slice, scale: float) -> fox.SceneUpdate:
-    """Return a slice as one entity of arrows, which replaces the previous one of this depth.
+def arrows_message(time_ns: int, value: Slices, level: int, scale: float) -> fox.SceneUpdate:
+    """Return one depth as one entity of arrows, which replaces the previous one of this depth.
 
     Args:
         time_ns: [ns, UTC].
-        value: Slice.
+        value: Slices.
+        level: Row of the depth.
         scale: Length of an arrow for 1 m/s [m]; also in the entity's metadata.
     """
-    step = value.arrow_stride
-    start = step // 2
-    width = 0.08 * _ARROW_CELLS * min(value.cell) * step
+    step, depth = value.arrow_stride, float(value.depths[level])
+    start, width = step // 2, 0.08 * _ARROW_CELLS * value.cell * step
     arrows = []
     for j in range(start, value.north.size, step):
         for i in range(start, value.east.size, step):
-            u, v = value.fields[:2, j, i].tolist()
+            u, v = value.fields[level, :2, j, i].tolist()
             length = scale * float(np.hypot(u, v))
             # Dry cells are NaN, which compares false.
             if length > 0.0:
                 arrows.append(
                     _arrow(
-                        pose(value.east[i], value.north[j], -value.depth, orientation(u, v, 0.0)),
+                        pose(value.east[i], value.north[j], -depth, orientation(u, v, 0.0)),
                         length,
                         width,
                     )
@@ -185,10 +221,10 @@ def arrows_message(time_ns: int, value: Slice, scale: float) -> fox.SceneUpdate:
     entity = fox.SceneEntity(
         timestamp=stamp(time_ns),
         frame_id=FRAME,
-        id=f"flow {value.depth:g} m",
+        id=f"flow {depth:g} m",
         metadata=[
             fox.KeyValuePair(key="arrow_metres_per_m_s", value=repr(scale)),
-            fox.KeyValuePair(key="depth_m", value=repr(value.depth)),
+            fox.KeyValuePair(key="depth_m", value=repr(depth)),
         ],
         arrows=arrows,
     )

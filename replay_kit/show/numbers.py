@@ -1,8 +1,8 @@
 """Formatting of numbers, durations and positions, and sentences whose numbers keep their fields."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from functools import reduce
 from html import escape
 from math import floor, isfinite, log10
 from string import Formatter
@@ -59,40 +59,65 @@ def sentence(template: str, fields: Mapping[str, Any], at: str = "") -> Sentence
     Args:
         template: Text with field paths in braces, and formats: ``cm`` and ``cm/s`` for a speed [m/s], ``share`` and ``%``, ``min``,
             ``hours``, ``span`` and ``days`` for a duration [s, days], ``size`` for an amount without its sign, ``km`` and ``far`` for a
-            distance [m], ``course`` for a direction [degrees], ``kJ`` and ``MJ`` for an energy [J], or Python's.
+            distance [m], ``course`` for a direction [degrees], ``kJ`` and ``MJ`` for an energy [J], ``clock`` for a time as text, or
+            Python's; ``{place}`` is the position of the fields. What is in brackets is left out where a value in it is unknown.
         fields: Values, nested in mappings and sequences; None if unknown.
         at: Path prefix of the fields, ending with a dot.
     """
     parts: list[str | Shown] = []
-    for text, name, form, _ in Formatter().parse(template):
-        parts.append(text)
-        if name is not None:
-            steps = [int(step) if step.isdigit() else step for step in name.split(".")]
-            value = reduce(lambda held, step: held[step], steps, fields)  # type: ignore[index]
-            parts.append(_part(f"{at}{name}", value, form or ""))
+    for number, part in enumerate(re.split(r"\[(.*?)\]", template)):
+        found: list[str | Shown | None] = []
+        for text, name, form, _ in Formatter().parse(part):
+            found.append(text)
+            if name is not None:
+                found.append(_part(f"{at}{name}", _value(fields, name), form or ""))
+        if number % 2 == 0 or None not in found:
+            parts += ["-" if one is None else one for one in found]
     return Sentence(parts)
 
 
-def _part(key: str, value: Any, form: str) -> str | Shown:
+def _value(fields: Mapping[str, Any], name: str) -> Any:
+    """Return the value at a path; None if a step of it is unknown."""
+    if name == "place":
+        east, north = fields.get("longitude"), fields.get("latitude")
+        return None if east is None or north is None else minutes_text(east, north)
+    held: Any = fields
+    for step in name.split("."):
+        if held is not None:
+            held = held.get(step) if isinstance(held, Mapping) else held[int(step)]
+    return held
+
+
+# Forms of numbers: factor, Python's format, unit.
+_TABLE = """
+cm 100/1 .2f cm/s
+cm/s 100/1 .1f
+share 100/1 .0f %
+% 100/1 .0f
+min 1/60 +.0f min
+hours 1/3600 .1f
+far 1/1000 .1f
+kJ 1/1000 ,.0f kJ
+MJ 1/1000000 g MJ
+"""
+_FORMS = {name: form for name, *form in (row.split() for row in _TABLE.strip().split("\n"))}
+
+
+def _part(key: str, value: Any, form: str) -> str | Shown | None:
     if value is None or isinstance(value, str):
-        return "-" if value is None else value
-    own = {
-        "cm": lambda: f"{100.0 * value:.2f} cm/s",
-        "cm/s": lambda: f"{100.0 * value:.1f}",
-        "share": lambda: f"{100.0 * value:.0f} %",
-        "%": lambda: f"{100.0 * value:.0f}",
-        "min": lambda: f"{value / 60.0:+.0f} min",
-        "hours": lambda: f"{value / 3600.0:.1f}",
+        return clock(value) if value and form == "clock" else value or None
+    if form in _FORMS:
+        factor, own, *unit = _FORMS[form]
+        times, over = map(float, factor.split("/"))
+        return Shown(key, value, " ".join([f"{times * value / over:{own}}", *unit]))
+    special = {
         "span": lambda: hours_text(value),
         "days": lambda: hours_text(86_400.0 * value),
         "size": lambda: f"{abs(value):,.1f}",
         "km": lambda: f"{value / 1e3:,.1f} km" if value >= 1e3 else f"{value:.0f} m",
-        "far": lambda: f"{value / 1e3:.1f}",
         "course": lambda: f"{round(value) % 360:03d}",
-        "kJ": lambda: f"{value / 1e3:,.0f} kJ",
-        "MJ": lambda: f"{value / 1e6:g} MJ",
     }
-    return Shown(key, value, own[form]() if form in own else f"{value:{form or ','}}")
+    return Shown(key, value, special[form]() if form in special else f"{value:{form or ','}}")
 
 
 def number(key: str, value: float | int | None, text: str) -> str:

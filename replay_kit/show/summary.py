@@ -9,16 +9,18 @@ from replay_kit.core.errors import finding_line
 from replay_kit.results.losses import lost_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.sentences import (
+    COLUMNS,
     comparison_sentences,
     estimate_sentences,
     flown_sentences,
     trust_sentences,
     truth_sentences,
+    vehicle_rows,
+    vehicle_sentences,
 )
 from replay_kit.show.status.lines import detail_lines, lines, title
 from replay_kit.show.status.status import Status
 from replay_kit.show.text import not_used_lines, print_lines, print_table
-from replay_kit.show.vehicles import COLUMNS, vehicle_rows, vehicle_sentences
 
 _DIVE_COLUMNS = (
     "dive",

@@ -8,7 +8,7 @@ from replay_kit.core.files.atomic import write_whole
 from replay_kit.core.files.paths import check_paths
 from replay_kit.results.mcap.schemas import CONTRACT_VERSION
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.vehicles import part_path
+from replay_kit.results.reader import part_path
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result
 from replay_kit.workflows.sound import sound_result

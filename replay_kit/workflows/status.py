@@ -5,10 +5,9 @@ from pathlib import Path
 
 from replay_kit.core.files.atomic import write_whole
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.reader import ResultReader
-from replay_kit.results.vehicles import part_path
+from replay_kit.results.reader import ResultReader, part_path
 from replay_kit.show.status.held import Held, read_held
-from replay_kit.show.status.page import several_page, status_page
+from replay_kit.show.status.lines import several_page, status_page
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.sound import Sound, sound_result
 

@@ -13,7 +13,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.forecast.remote.kept import CACHE
 from replay_kit.results.differences import Difference, Recorded, difference, read_recorded
-from replay_kit.results.vehicles import vehicle_records
+from replay_kit.results.reader import vehicle_records
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.provenance import (

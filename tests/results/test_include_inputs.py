@@ -6,17 +6,13 @@ from pathlib import Path
 import pytest
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
-from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.results import ResultReader, ResultWriter
-from replay_kit.workflows.convert import convert
+from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.inputs.job import ReplayJob, copy_inputs
 from tests.fuzz.damage import sound_messages
 from tests.logs.log_samples import json_mcap, tlog
 from tests.places import SAMPLES
-from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 
 
 def copied(out, *logs, asked=True, fix=None):
@@ -43,14 +39,6 @@ def test_the_inputs_messages_are_copied_untouched(state, tmp_path, name):
         }
     )
     assert found.total() > 400
-
-
-def test_a_result_that_a_log_was_merged_into_is_refused_in_words(state, tmp_path):
-    copied(tmp_path / "out.mcap", fix=state)
-    logs = [SAMPLES / "survey.mcap", tmp_path / "out.mcap"]
-    convert(logs, tmp_path / "both.mcap", False, LogConfig())
-    with pytest.raises(LogError, match="expected protobuf on /vehicle/fix, got jsonschema"):
-        ResultReader(tmp_path / "both.mcap").decoded("/vehicle/fix")
 
 
 def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path):
@@ -92,22 +80,3 @@ def test_only_topics_of_the_results_own_are_moved(tmp_path):
     kept = {"/tf_static", "/logger/a", "/vehicle/fix2", "/flowmeter"}
     written = {message.said[0] for message in sound_messages(data)}
     assert written == {topic if topic in kept else f"/input{topic}" for topic in topics}
-
-
-def test_convert_has_back_what_was_written_before_a_power_cut(flow, state, innovation, tmp_path):
-    writer = ResultWriter(tmp_path / "out.mcap")
-    writer.start(flow.grid.projection, state.time_ns, METADATA, CONFIG)
-    for _ in range(20):
-        writer.fix(state)
-        writer.innovations([innovation])
-    writer.grids(state.time_ns, flow, DEPTHS)
-    # after the last checkpoint: in the writer's memory only, and lost
-    writer.fix(state)
-    (tmp_path / "left.mcap.part").write_bytes(writer.part.read_bytes())
-    writer.discard()
-    summary = convert([tmp_path / "left.mcap.part"], tmp_path / "mended.mcap", False, LogConfig())
-    assert summary.messages["/vehicle/fix"] == summary.messages["/flow/innovation"] == 20
-    assert [loss.messages for _, loss in summary.losses] == [None]
-    reader = open_log(tmp_path / "mended.mcap")
-    list(reader.messages())
-    assert reader.report().losses == ()

@@ -176,7 +176,7 @@ def test_of_a_short_log_all_are_kept(result):
 
 
 def test_of_a_long_log_each_topic_is_thinned_alike_and_no_mean_current_left_out(result):
-    measured = measured_of(result.blocks, most=20)
+    measured = measured_of(result.blocks(), most=20)
     rows, bins, whole = measured.observations, measured.innovations, result.observations
     profiles = rows["mean_current_kind"].isna()
     assert (~profiles).sum() == 6
@@ -188,7 +188,7 @@ def test_of_a_long_log_each_topic_is_thinned_alike_and_no_mean_current_left_out(
         bins["observation"].tolist()
         == np.repeat(np.arange(len(rows)), np.where(profiles, 4, 1)).tolist()
     )
-    fewer = measured_of(result.blocks, most_bins=100)
+    fewer = measured_of(result.blocks(), most_bins=100)
     assert len(fewer.innovations) <= 100
     # sums are over all
     for one in (measured, fewer):

@@ -11,13 +11,17 @@ import pytest
 from mcap.reader import make_reader
 
 from replay_kit import open_result
+from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, ReplayKitError
 from replay_kit.core.grid import Projection
+from replay_kit.logs import open_log
 from replay_kit.results import CONTRACT_VERSION, ResultReader, ResultWriter
 from replay_kit.results.mcap import file as mcap_file
 from replay_kit.results.mcap.topics import check_written, message_counts
 from replay_kit.show.notebook import read_result
-from tests.results.result_samples import CONFIG, METADATA, decoded
+from replay_kit.workflows.convert import convert
+from tests.places import SAMPLES
+from tests.results.result_samples import CONFIG, DEPTHS, METADATA, decoded
 
 
 def test_records_and_attachments(run, flow, tmp_path):
@@ -180,3 +184,31 @@ def test_what_is_no_whole_result_is_refused_by_name(name, run, tmp_path):
     elif name == "a log":
         with pytest.raises(ForecastError, match=r"carries no estimate\.npz"):
             ResultReader(path).estimate()
+
+
+def test_a_result_that_a_log_was_merged_into_is_refused_in_words(state, tmp_path):
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.fix(state)
+    logs = [SAMPLES / "survey.mcap", tmp_path / "out.mcap"]
+    convert(logs, tmp_path / "both.mcap", False, LogConfig())
+    with pytest.raises(LogError, match="expected protobuf on /vehicle/fix, got jsonschema"):
+        ResultReader(tmp_path / "both.mcap").decoded("/vehicle/fix")
+
+
+def test_convert_has_back_what_was_written_before_a_power_cut(flow, state, innovation, tmp_path):
+    writer = ResultWriter(tmp_path / "out.mcap")
+    writer.start(flow.grid.projection, state.time_ns, METADATA, CONFIG)
+    for _ in range(20):
+        writer.fix(state)
+        writer.innovations([innovation])
+    writer.grids(state.time_ns, flow, DEPTHS)
+    # after the last checkpoint: in the writer's memory only, and lost
+    writer.fix(state)
+    (tmp_path / "left.mcap.part").write_bytes(writer.part.read_bytes())
+    writer.discard()
+    summary = convert([tmp_path / "left.mcap.part"], tmp_path / "mended.mcap", False, LogConfig())
+    assert summary.messages["/vehicle/fix"] == summary.messages["/flow/innovation"] == 20
+    assert [loss.messages for _, loss in summary.losses] == [None]
+    reader = open_log(tmp_path / "mended.mcap")
+    list(reader.messages())
+    assert reader.report().losses == ()

@@ -4,21 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from replay_kit.core.geodesy import distance, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.results import ResultReader, ResultWriter
-from replay_kit.results.views.along_track import bins_along_track, estimate_along_track
+from replay_kit.results.views.along_track import (
+    Track,
+    bins_along_track,
+    estimate_along_track,
+    track_of,
+)
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.slices import (
-    calibration,
+from replay_kit.results.views.current import (
+    EstimateHistory,
     error_through_time,
-    information_by_dive,
     published_slices,
     slices_of,
 )
-from replay_kit.results.views.track import Track, track_of
+from replay_kit.show.figures.trust import standardized
 from replay_kit.show.notebook import read_result
 from tests.results.cases import one_bin
 from tests.results.result_samples import CONFIG, METADATA
@@ -81,10 +84,10 @@ def test_the_estimate_at_a_bin_is_what_was_measured_less_the_residual(
     bins, means = contents.bins, contents.mean_currents
     assert (bins.profiles, bins.left_out, bins.depth.tolist()) == (2, 0, [10.0, 20.0, 40.0] * 2)
     expected = np.tile((measured - innovation.residual)[used], (2, 1))
-    np.testing.assert_allclose(bins.estimated, expected, rtol=1e-6)
+    np.testing.assert_allclose(bins.values["estimated"], expected, rtol=1e-6)
     place = to_local(flow.grid.projection, state.longitude, state.latitude)
     error = flow.standard_error(*place, bins.depth)
-    np.testing.assert_allclose(bins.standard_error, error, rtol=1e-5)
+    np.testing.assert_allclose(bins.values["error"], error, rtol=1e-5)
     # the last one published of this basis
     before, *after = contents.history.after(np.array([TIME_NS, later, later + 9]))
     assert before is None
@@ -92,12 +95,15 @@ def test_the_estimate_at_a_bin_is_what_was_measured_less_the_residual(
         latent = flow.unknowns.offset + flow.modes @ flow.unknowns.process.weights(x, 0).T
         np.testing.assert_allclose(one.latent, latent, atol=1e-6)
         assert one.time_ns == later
-    thin = bins_along_track(contents.measured, contents.track, contents.history, None, 1)
+    without = EstimateHistory(contents.result.reader, None)
+    thin = bins_along_track(contents.measured, contents.track, without, 1)
     assert (thin.profiles, thin.left_out) == (1, 1)
-    assert np.isnan(thin.standard_error).all()
-    assert means.dive.tolist() == [2, 3]
-    np.testing.assert_array_equal(means.standard_error, innovation.innovation_std[[0, 0]])
-    assert information_by_dive(contents.measured.sums).to_dict() == {2: 3 * 3.25, 3: 3.25}
+    assert np.isnan(thin.values["error"]).all()
+    assert means["dive"].tolist() == [2, 3]
+    std = means[["innovation_std_east", "innovation_std_north"]]
+    np.testing.assert_array_equal(std, innovation.innovation_std[[0, 0]])
+    known = contents.measured.sums.groupby("dive")["signal_dof"].sum()
+    assert known.to_dict() == {2: 3 * 3.25, 3: 3.25}
 
 
 def test_a_smoothed_result_keeps_the_estimate_before_smoothing(flow, state, innovation, tmp_path):
@@ -110,9 +116,9 @@ def test_a_smoothed_result_keeps_the_estimate_before_smoothing(flow, state, inno
         writer.innovations([innovation])
         writer.innovations([replace(innovation, **smoothed)])
         writer.finish(flow)
-    bins = Contents(read_result(tmp_path / "out.mcap")).bins
-    assert np.isnan(bins.replayed[:3]).all()
-    np.testing.assert_allclose(bins.replayed[3:], bins.estimated[3:] - off, atol=1e-6)
+    values = Contents(read_result(tmp_path / "out.mcap")).bins.values
+    assert np.isnan(values["replayed"][:3]).all()
+    np.testing.assert_allclose(values["replayed"][3:], values["estimated"][3:] - off, atol=1e-6)
 
 
 def test_calibration_counts_components():
@@ -124,11 +130,8 @@ def test_calibration_counts_components():
             "innovation_std_north": [1.0, 0.1, 1.0],
         }
     )
-    found = calibration(bins)
-    assert found.standardized.tolist() == [0.5, -1.5, 2.5, 1.0]
-    assert found.coverage == {1.0: 0.5, 2.0: 0.75, 3.0: 1.0}
-    assert (found.mean, found.std) == (0.625, pytest.approx(np.std(found.standardized)))
-    assert calibration(bins.iloc[2:]).coverage == {}
+    assert standardized(bins).tolist() == [0.5, -1.5, 2.5, 1.0]
+    assert standardized(bins.iloc[2:]).size == 0
 
 
 HOUR = 3_600 * 10**9
@@ -155,10 +158,11 @@ def test_without_profiles_a_section_is_the_estimate_once_there_is_one(flow):
     assert 0.0 < bins.depth.min() < bins.depth.max() < min(60.0, flow.levels[-1])
     known = bins.time_ns >= 2 * HOUR
     place = (*(each[known] for each in track.at(bins.time_ns)[:2]), bins.depth[known])
-    np.testing.assert_allclose(bins.estimated[known], flow.velocity(*place), atol=1e-12)
-    np.testing.assert_allclose(bins.standard_error[known], flow.standard_error(*place), atol=1e-12)
-    for unknown in (bins.estimated[~known], bins.residual):
+    estimated, error = bins.values["estimated"], bins.values["error"]
+    np.testing.assert_allclose(estimated[known], flow.velocity(*place), atol=1e-12)
+    np.testing.assert_allclose(error[known], flow.standard_error(*place), atol=1e-12)
+    for unknown in (estimated[~known], bins.values["residual"]):
         assert np.isnan(unknown).all()
     # nor has a track outside its region
-    far = replace(track, east=east + 9e6)
-    assert estimate_along_track(far, _History(flow), flow).estimated.shape == (0, 2)
+    far = track._replace(east=east + 9e6)
+    assert estimate_along_track(far, _History(flow), flow).values["estimated"].shape == (0, 2)

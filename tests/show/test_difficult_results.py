@@ -16,7 +16,7 @@ from replay_kit.core.observation import Innovation
 from replay_kit.core.plan import Plan
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.export.export import ENDINGS, export
+from replay_kit.show.export import ENDINGS, export
 from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.report.pages import report_html
 from replay_kit.workflows.report import opened

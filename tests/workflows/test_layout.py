@@ -9,7 +9,7 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 
-from replay_kit.results.layout.layout import layout_of
+from replay_kit.results.layout import layout_of
 from tests.command import invoke, succeed
 
 #: Panels and the schemas that they show in Foxglove 2 and Lichtblick 1.

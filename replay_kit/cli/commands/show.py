@@ -227,7 +227,7 @@ def export(
     check_paths([result], [out], replacing.overwrite)
     places = [numbers(text, "--at", PLACE.form) for text in at or ()]
 
-    from replay_kit.show.export.export import export as write
+    from replay_kit.show.export import export as write
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
@@ -251,7 +251,7 @@ def layout(
     """
     check_paths([result], [out], replacing.overwrite)
 
-    from replay_kit.results.layout.layout import write_layout
+    from replay_kit.results.layout import write_layout
 
     count = write_layout(result, out)
     console_beside().print(

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.files.atomic import open_part, part_of, sync
 from replay_kit.core.message import OutChannels, RawChannel, RawMessage
-from replay_kit.results.mcap.topics import DAMAGED, DIGEST_NAME, Digest, check_written, records
+from replay_kit.results.mcap.topics import DAMAGED, DIGEST_NAME, check_written, records
 
 #: Name, encoding and definition of a schema.
 Definition = tuple[str, str, bytes]
@@ -57,7 +57,7 @@ class ResultFile:
         last_time_ns: Latest time of a message [ns, UTC].
     """
 
-    def __init__(self, path: Path, overwrite: bool, goes_on: bool = False) -> None:
+    def __init__(self, path: Path, overwrite: bool = False, goes_on: bool = False) -> None:
         """Open ``path`` + ``.part``; an existing part is replaced.
 
         Args:
@@ -181,7 +181,7 @@ class ResultFile:
             self._writer.flush()  # type: ignore[no-untyped-call]
             os.fsync(self._file.fileno())
 
-    def digest(self, time_ns: int) -> Digest:
+    def digest(self, time_ns: int) -> None:
         """End the chunk and write the digest of the messages so far as a metadata record, for ``verify``.
 
         Args:
@@ -189,11 +189,13 @@ class ResultFile:
         """
         with self._storing("write"):
             self._writer.flush()  # type: ignore[no-untyped-call]
-        value = Digest(time_ns, self._counts.total(), self._digest.hexdigest())
-        text = {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256}
-        self.write_metadata(DIGEST_NAME, text)
+        values = {
+            "time_ns": str(time_ns),
+            "messages": str(self._counts.total()),
+            "sha256": self._digest.hexdigest(),
+        }
+        self.write_metadata(DIGEST_NAME, values)
         self._digests += 1
-        return value
 
     @property
     def written(self) -> Written:

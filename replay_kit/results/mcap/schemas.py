@@ -4,6 +4,8 @@ Descriptors are built from the table on import and stored in every file; ``READM
 meanings. A change of a number, name, type or meaning raises CONTRACT_VERSION.
 """
 
+import re
+from collections.abc import Iterator, Mapping
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -52,106 +54,93 @@ class Field(NamedTuple):
     path: str
 
 
-def _fields(type_name: str, *names: str) -> tuple[Field, ...]:
-    """Return fields of one type, each ``name`` or ``name=path.to.attribute``; ``[]`` after the type makes lists."""
-    kind, pairs = type_name.removesuffix("[]"), [each.partition("=") for each in names]
-    return tuple(Field(name, kind, kind != type_name, path or name) for name, _, path in pairs)
+# Each message with its fields, a line for each type: ``name`` or ``name=path.to.attribute``; ``[]`` after the type makes lists.
+_TABLE = """
+Estimate
+    time timestamp
+    fixed32 basis
+    float[] x
+Innovations
+    sfixed64[] timestamp=time_ns
+    fixed32[] source_input=source.input
+    string[] source_topic=source.topic
+    fixed64[] source_position=source.position
+    sfixed64[] source_time=source.time_ns
+    fixed32[] dive
+    double[] nis
+    fixed32[] dof
+    bool[] accepted
+    double[] error_inflation
+    string[] decision
+    double[] gate_statistic gate_threshold=gate signal_dof
+    string[] mean_current_kind=mean_kind
+    double[] mean_current_measured_east=mean_current mean_current_measured_north=mean_current
+    double[] mean_current_corrected_east=corrected_current mean_current_corrected_north=corrected_current
+    double[] mean_current_measured_standard_error=mean_std mean_current_corrected_standard_error=corrected_std
+    double[] mean_current_estimated_standard_error=estimated_std
+    fixed32[] profiles bins=depth.size
+    float[] depth measured_east=measured measured_north=measured innovation_east=innovation
+    float[] innovation_north=innovation innovation_std_east=innovation_std innovation_std_north=innovation_std
+    float[] residual_east=residual residual_north=residual prior_innovation_east=prior_innovation
+    float[] prior_innovation_north=prior_innovation replayed_residual_east=replayed_residual
+    float[] replayed_residual_north=replayed_residual
+    sfixed32[] flags
+    fixed32[] reasons
+Finding
+    string name since severity evidence likely_cause advice
+Consistency
+    time timestamp
+    Finding[] findings
+Place
+    double longitude latitude depth
+Statistic
+    string name value
+Odds
+    uint32 n_samples
+    double reached safe radius deadline arrival_median arrival_90_percent
+Plan
+    time timestamp=start_time_ns
+    string status message
+    Place start goal
+    double heading_deg glide_angle_deg speed
+    double[] velocity_through_water
+    double duration closest_approach
+    double[] track_time track_east track_north track_depth
+    Statistic[] statistics
+    double energy battery
+    Odds odds
+    double[] track_bottom
+PlanOutcome
+    time timestamp=time_ns planned_time=planned_ns predicted_time=predicted.time_ns
+    Place predicted actual
+    double distance direction_deg delay=late
+    bool inside_ellipse
+    double ellipse_longitude ellipse_latitude ellipse_major ellipse_minor ellipse_bearing
+Surfacing
+    time timestamp=fix.time_ns dive_begin=forecast.start.time_ns
+    uint32 dive=forecast.dive earlier_dives=forecast.earlier
+    Place start=forecast.start expected=forecast actual=fix
+    double distance direction_deg ellipse_bearing=forecast.outer.bearing_deg inner_major=forecast.inner.major
+    double inner_minor=forecast.inner.minor outer_major=forecast.outer.major outer_minor=forecast.outer.minor
+    bool inside_inner=in_inner inside_outer=in_outer
+    double log_score persistence_log_score persistence_distance persistence_radius=forecast.persistence_radius
+"""
 
 
-MESSAGES: dict[str, tuple[Field, ...]] = {
-    "Estimate": (
-        *_fields(TIME, "timestamp"),
-        *_fields("fixed32", "basis"),
-        *_fields("float[]", "x"),
-    ),
-    "Innovations": (
-        *_fields("sfixed64[]", "timestamp=time_ns"),
-        *_fields("fixed32[]", "source_input=source.input"),
-        *_fields("string[]", "source_topic=source.topic"),
-        *_fields("fixed64[]", "source_position=source.position"),
-        *_fields("sfixed64[]", "source_time=source.time_ns"),
-        *_fields("fixed32[]", "dive"),
-        *_fields("double[]", "nis"),
-        *_fields("fixed32[]", "dof"),
-        *_fields("bool[]", "accepted"),
-        *_fields("double[]", "error_inflation"),
-        *_fields("string[]", "decision"),
-        *_fields("double[]", "gate_statistic", "gate_threshold=gate", "signal_dof"),
-        *_fields("string[]", "mean_current_kind=mean_kind"),
-        *_fields(
-            "double[]",
-            "mean_current_measured_east=mean_current",
-            "mean_current_measured_north=mean_current",
-            "mean_current_corrected_east=corrected_current",
-            "mean_current_corrected_north=corrected_current",
-            "mean_current_measured_standard_error=mean_std",
-            "mean_current_corrected_standard_error=corrected_std",
-            "mean_current_estimated_standard_error=estimated_std",
-        ),
-        *_fields("fixed32[]", "profiles", "bins=depth.size"),
-        *_fields("float[]", "depth", "measured_east=measured", "measured_north=measured"),
-        *_fields("float[]", "innovation_east=innovation", "innovation_north=innovation"),
-        *_fields("float[]", "innovation_std_east=innovation_std"),
-        *_fields("float[]", "innovation_std_north=innovation_std"),
-        *_fields("float[]", "residual_east=residual", "residual_north=residual"),
-        *_fields("float[]", "prior_innovation_east=prior_innovation"),
-        *_fields("float[]", "prior_innovation_north=prior_innovation"),
-        *_fields("float[]", "replayed_residual_east=replayed_residual"),
-        *_fields("float[]", "replayed_residual_north=replayed_residual"),
-        *_fields("sfixed32[]", "flags"),
-        *_fields("fixed32[]", "reasons"),
-    ),
-    "Finding": _fields("string", "name", "since", "severity", "evidence", "likely_cause", "advice"),
-    "Consistency": (*_fields(TIME, "timestamp"), *_fields(".replay_kit.Finding[]", "findings")),
-    "Place": _fields("double", "longitude", "latitude", "depth"),
-    "Statistic": _fields("string", "name", "value"),
-    "Odds": (
-        *_fields("uint32", "n_samples"),
-        *_fields(
-            "double",
-            "reached",
-            "safe",
-            "radius",
-            "deadline",
-            "arrival_median",
-            "arrival_90_percent",
-        ),
-    ),
-    "Plan": (
-        *_fields(TIME, "timestamp=start_time_ns"),
-        *_fields("string", "status", "message"),
-        *_fields(".replay_kit.Place", "start", "goal"),
-        *_fields("double", "heading_deg", "glide_angle_deg", "speed"),
-        *_fields("double[]", "velocity_through_water"),
-        *_fields("double", "duration", "closest_approach"),
-        *_fields("double[]", "track_time", "track_east", "track_north", "track_depth"),
-        *_fields(".replay_kit.Statistic[]", "statistics"),
-        *_fields("double", "energy", "battery"),
-        *_fields(".replay_kit.Odds", "odds"),
-        *_fields("double[]", "track_bottom"),
-    ),
-    "PlanOutcome": (
-        *_fields(TIME, "timestamp=time_ns", "planned_time=planned_ns"),
-        *_fields(TIME, "predicted_time=predicted.time_ns"),
-        *_fields(".replay_kit.Place", "predicted", "actual"),
-        *_fields("double", "distance", "direction_deg", "delay=late"),
-        *_fields("bool", "inside_ellipse"),
-        *_fields("double", "ellipse_longitude", "ellipse_latitude"),
-        *_fields("double", "ellipse_major", "ellipse_minor", "ellipse_bearing"),
-    ),
-    "Surfacing": (
-        *_fields(TIME, "timestamp=fix.time_ns", "dive_begin=forecast.start.time_ns"),
-        *_fields("uint32", "dive=forecast.dive", "earlier_dives=forecast.earlier"),
-        *_fields(".replay_kit.Place", "start=forecast.start", "expected=forecast", "actual=fix"),
-        *_fields("double", "distance", "direction_deg"),
-        *_fields("double", "ellipse_bearing=forecast.outer.bearing_deg"),
-        *_fields("double", "inner_major=forecast.inner.major", "inner_minor=forecast.inner.minor"),
-        *_fields("double", "outer_major=forecast.outer.major", "outer_minor=forecast.outer.minor"),
-        *_fields("bool", "inside_inner=in_inner", "inside_outer=in_outer"),
-        *_fields("double", "log_score", "persistence_log_score", "persistence_distance"),
-        *_fields("double", "persistence_radius=forecast.persistence_radius"),
-    ),
-}
+def _messages(table: str) -> Iterator[tuple[str, tuple[Field, ...]]]:
+    """Yield the messages of the table with their fields."""
+    for text in re.split(r"\n(?=\w)", table.strip()):
+        name, *lines = text.split("\n")
+        fields = list[Field]()
+        for kind, *names in map(str.split, lines):
+            scalar, _, repeated = kind.partition("[")
+            own = f".{_PACKAGE}.{scalar}" if scalar.istitle() else scalar.replace("time", TIME)
+            pairs = (one.partition("=") for one in names)
+            fields += (Field(one, own, bool(repeated), path or one) for one, _, path in pairs)
+        yield name, tuple(fields)
+
+
+MESSAGES = dict(_messages(_TABLE))
 
 
 def _field(number: int, field: Field, as_bytes: bool) -> FieldDescriptorProto:
@@ -185,17 +174,13 @@ def _files(as_bytes: bool) -> tuple[FileDescriptorProto, FileDescriptorProto]:
     return times, file
 
 
-def _classes() -> dict[str, type[Message]]:
-    # A pool of our own: the names stay free for a reader that decodes a result in the same process.
-    pool = DescriptorPool()
-    for file in _files(as_bytes=True):
-        pool.Add(file)
-    return {
-        name: GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in MESSAGES
-    }
-
-
-_CLASSES = _classes()
+# A pool of our own: the names stay free for a reader that decodes a result in the same process.
+_POOL = DescriptorPool()
+for _own in _files(as_bytes=True):
+    _POOL.Add(_own)
+_CLASSES: dict[str, type[Message]] = {
+    name: GetMessageClass(_POOL.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in MESSAGES
+}
 
 DESCRIPTOR_SET: bytes = FileDescriptorSet(file=_files(as_bytes=False)).SerializeToString(
     deterministic=True
@@ -203,9 +188,12 @@ DESCRIPTOR_SET: bytes = FileDescriptorSet(file=_files(as_bytes=False)).Serialize
 
 
 def attributes(value: Any, names: str) -> dict[str, Any]:
-    """Return attributes of a value by name, each ``name`` or ``name=path.to.attribute``."""
+    """Return attributes of a value, or items of a mapping, by name, each ``name`` or ``name=path.to.attribute``; None for missing items."""
     pairs = (each.partition("=") for each in names.split())
-    return {name: attrgetter(path or name)(value) for name, _, path in pairs}
+    held = {name: path or name for name, _, path in pairs}
+    if isinstance(value, Mapping):
+        return {name: value.get(path) for name, path in held.items()}
+    return {name: attrgetter(path)(value) for name, path in held.items()}
 
 
 def encode(name: str, values: dict[str, Any]) -> bytes:

@@ -7,13 +7,13 @@ import os
 import struct
 import weakref
 import zlib
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import zstandard
 from google.protobuf.message import DecodeError
@@ -55,21 +55,6 @@ DAMAGED = (
     *(McapError, CRCValidationError, DecodeError, zstandard.ZstdError, struct.error),
     *(ValueError, LookupError, OverflowError, EOFError),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Digest:
-    """Digest of a result's messages so far.
-
-    Attributes:
-        time_ns: Time in the log [ns, UTC].
-        messages: Number of messages so far.
-        sha256: SHA-256 of their topics, times and data, in order.
-    """
-
-    time_ns: int
-    messages: int
-    sha256: str
 
 
 @contextmanager
@@ -244,27 +229,20 @@ class OpenResult:
         """
         summary = self.summary
         wanted = {number for number, channel in summary.channels.items() if channel.topic in topics}
-        waiting: list[tuple[int, int, bytes]] = []
-        for index in sorted(
+        waiting: list[Any] = []
+        chunks = sorted(
             summary.chunk_indexes, key=lambda one: (one.message_start_time, one.chunk_start_offset)
-        ):
-            if (
-                not wanted.isdisjoint(index.message_index_offsets)
-                or not index.message_index_offsets
-            ):
-                waiting.sort()
-                before = next(
-                    (k for k, one in enumerate(waiting) if one[0] >= index.message_start_time),
-                    len(waiting),
-                )
-                yield from ((time_ns, data) for time_ns, _, data in waiting[:before])
-                self.file.seek(index.chunk_start_offset + _HEAD.size)
-                waiting = [
-                    *waiting[before:],
-                    *_in_chunk(
-                        Chunk.read(ReadDataStream(self.file)), wanted, index.chunk_start_offset
-                    ),
-                ]
+        )
+        for index in chunks:
+            held, offset = index.message_index_offsets, index.chunk_start_offset
+            if held and wanted.isdisjoint(held):
+                continue
+            waiting.sort()
+            before = bisect_left(waiting, (index.message_start_time,))
+            yield from ((time_ns, data) for time_ns, _, data in waiting[:before])
+            self.file.seek(offset + _HEAD.size)
+            chunk = Chunk.read(ReadDataStream(self.file))
+            waiting = [*waiting[before:], *_in_chunk(chunk, wanted, offset)]
         yield from ((time_ns, data) for time_ns, _, data in sorted(waiting))
 
     def newest(

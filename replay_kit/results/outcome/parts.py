@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,10 @@ _SURFACED = (
 _DIVE = (
     "actual=fix distance_m=distance direction_deg inside_50=in_inner inside_90=in_outer log_score persistence_log_score "
     "persistence_distance_m=persistence_distance"
+)
+_SPREAD = attrgetter(
+    *("distance", "forecast.radius", "log_score"),
+    *("persistence_log_score", "forecast.persistence_radius"),
 )
 _ELLIPSE = "major_m=major minor_m=minor bearing_deg"
 _AGAINST = (
@@ -90,7 +95,10 @@ def expected_part(
     return {
         **_surfacing_figures(outcomes),
         **{kind: _surfacing_figures(group) if group else None for kind, group in groups.items()},
-        "each": [_dive_json(one) for one in outcomes],
+        "each": [
+            _forecast_json(one.forecast) | attributes(one, _DIVE) | {"actual": _place(one.fix)}
+            for one in outcomes
+        ],
         "record": {
             "shown": "plan" if count and plan > habit else "habit",
             "count": count,
@@ -104,37 +112,29 @@ def expected_part(
 def _surfacing_figures(outcomes: Sequence[DiveOutcome]) -> dict[str, Any]:
     """Return coverage, score and sharpness of at least one surfacing; with those of persistence if it has a spread."""
     inner, outer = held_shares(outcomes)
-    beside = [one for one in outcomes if math.isfinite(one.persistence_log_score)]
-    distances = [one.distance for one in outcomes]
-    others = np.sum([one.forecast.persistence_radius for one in beside])
+    rows = np.array([_SPREAD(one) for one in outcomes])
+    distance, radius, score, _, _ = rows.T
+    beside = rows[np.isfinite(rows[:, 3])]
+    _, radii, scores, other_scores, other_radii = beside.T
+    gain, others = scores - other_scores, other_radii.sum()
     return {
         "count": len(outcomes),
         "inside_50": inner,
         "inside_90": outer,
-        "distance_median_m": float(np.median(distances)),
-        "distance_rms_m": float(np.sqrt(np.mean(np.square(distances)))),
-        "radius_90_mean_m": float(np.mean([one.forecast.radius for one in outcomes])),
-        "log_score": float(np.mean([one.log_score for one in outcomes])),
-        "log_score_gain": float(
-            np.mean([one.log_score - one.persistence_log_score for one in beside])
-        )
-        if beside
-        else None,
-        "radius_ratio": float(np.sum([one.forecast.radius for one in beside]) / others)
-        if others > 0.0
-        else None,
+        "distance_median_m": np.median(distance),
+        "distance_rms_m": np.sqrt(np.mean(distance**2)),
+        "radius_90_mean_m": radius.mean(),
+        "log_score": score.mean(),
+        "log_score_gain": gain.mean() if gain.size else None,
+        "radius_ratio": radii.sum() / others if others > 0.0 else None,
     }
 
 
-def _dive_json(outcome: DiveOutcome) -> dict[str, Any]:
-    return (
-        _forecast_json(outcome.forecast)
-        | attributes(outcome, _DIVE)
-        | {"actual": _place(outcome.fix)}
-    )
-
-
 def _forecast_json(forecast: DiveForecast) -> dict[str, Any]:
+    # of a log with mean currents nothing needs to be said of the basis
+    basis = "" if forecast.basis == "mean_currents" else forecast.basis
+    calibration = forecast.factor if math.isfinite(forecast.factor) else None
+    more = {"basis": basis, "scored": forecast.scored, "calibration": calibration}
     return {
         **attributes(forecast, "dive earlier_dives=earlier begin_ns=start.time_ns time_ns"),
         "start": _place(forecast.start),
@@ -142,10 +142,7 @@ def _forecast_json(forecast: DiveForecast) -> dict[str, Any]:
         "ellipse_50": attributes(forecast.inner, _ELLIPSE),
         "ellipse_90": attributes(forecast.outer, _ELLIPSE),
         **attributes(forecast, "radius_90_m=radius persistence_radius_90_m=persistence_radius"),
-        # of a log with mean currents nothing needs to be said
-        **({} if forecast.basis == "mean_currents" else {"basis": forecast.basis}),
-        **({"scored": forecast.scored} if forecast.scored else {}),
-        **({"calibration": forecast.factor} if math.isfinite(forecast.factor) else {}),
+        **{name: value for name, value in more.items() if value},
     }
 
 

@@ -82,8 +82,7 @@ def decide(outcome: "Outcome") -> Verdict:
         *((text, True) for text in outcome.outside),
         (_plan_reason(plan), bool(_plan_reason(plan))),
     )
-    worst = tuple(text for text, holds in against if holds)
-    others = tuple(text for text, holds in doubtful if holds)
+    worst, others = ([text for text, holds in each if holds] for each in (against, doubtful))
     word: Word = "do not use" if worst else "with care" if others else "trust"
     named = dict[str, list[str]]()
     for name, one in outcome.vehicles.items():
@@ -169,23 +168,17 @@ def _gain(rms: Mapping[str, Any]) -> str:
     return f"misfit {before} cm/s before each update, {after} after it, forecast {prior}"
 
 
-def nis_interval(count: int) -> tuple[float, float]:
-    """Return the 99 % interval of the mean of ``count`` normalised innovations squared if the stated errors hold."""
-    size = 2.0 / (9.0 * count)
-    low, high = (1.0 - size + side * math.sqrt(size) for side in (-_NINETY_NINE, _NINETY_NINE))
-    return max(low, 0.0) ** 3, high**3
-
-
 def errors_hold(outcome: "Outcome") -> bool | None:
-    """Return whether the stated errors hold, by the interval for the number of observations; None without any.
+    """Return whether the stated errors hold, by the 99 % interval of NIS for the number of observations; None without any.
 
     Errors of a profile's bins are correlated, so that an observation counts as two components.
     """
     nis, count = outcome.nis_per_dof, 2 * outcome.observations["used"]
     if nis is None or not count:
         return None
-    low, high = nis_interval(count)
-    return low <= nis <= high or abs(math.sqrt(nis) - 1.0) < 0.05
+    size = 2.0 / (9.0 * count)
+    low, high = (1.0 - size + side * math.sqrt(size) for side in (-_NINETY_NINE, _NINETY_NINE))
+    return max(low, 0.0) ** 3 <= nis <= high**3 or abs(math.sqrt(nis) - 1.0) < 0.05
 
 
 def errors_text(outcome: "Outcome") -> str:

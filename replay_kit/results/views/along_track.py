@@ -1,80 +1,109 @@
-"""Measurements along the track with the estimate at their time: bins of profiles, and mean currents of dives."""
+"""Track of the vehicle, and measurements along it with the estimate at their time: bins of profiles, mean currents of dives."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.results.innovations import Measured
-from replay_kit.results.plans import thinned
-from replay_kit.results.views.history import EstimateHistory
-from replay_kit.results.views.track import Track
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from replay_kit.results.innovations import Measured, thinned
+from replay_kit.results.views.current import EstimateHistory
 
 # Times and depths of a section without profiles.
 _SECTION = 160, 40
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BinsAlongTrack:
-    """Used bins of profiles along a track; all arrays have one row per bin.
+class Track(NamedTuple):
+    """Positions of the vehicle through time; all arrays have the shape (n,).
+
+    Attributes:
+        time_ns: [ns, UTC], increasing.
+        longitude: [degrees east].
+        latitude: [degrees north].
+        depth: [m], positive down; NaN when unknown.
+        east: [m], local frame.
+        north: [m], local frame.
+        distance: Distance along the track [m].
+        dead_reckoned: Whether a position was dead-reckoned.
+    """
+
+    time_ns: Times
+    longitude: Array
+    latitude: Array
+    depth: Array
+    east: Array
+    north: Array
+    distance: Array
+    dead_reckoned: NDArray[np.bool_]
+
+    def at(self, time_ns: Times) -> tuple[Array, Array, Array]:
+        """Return east, north and distance along the track [m], interpolated at times; NaN without positions."""
+        if self.time_ns.size == 0:
+            nothing = np.full(np.shape(time_ns), np.nan)
+            return nothing, nothing, nothing
+        # of differences, as nanoseconds since 1970 exceed what a float64 holds
+        asked, seconds = ((each - self.time_ns[0]) / 1e9 for each in (time_ns, self.time_ns))
+        held = self.east, self.north, self.distance
+        east, north, distance = (np.interp(asked, seconds, values) for values in held)
+        return east, north, distance
+
+
+def track_of(fixes: pd.DataFrame, projection: Projection) -> Track:
+    """Return the track of the fixes of a result.
+
+    Args:
+        fixes: ``Result.fixes``.
+        projection: The local frame.
+    """
+    table = fixes.sort_index(kind="stable")
+    longitude, latitude, depth = (
+        table[name].to_numpy(np.float64) for name in ("longitude", "latitude", "depth")
+    )
+    east, north = to_local(projection, longitude, latitude)
+    reckoned, far = table["dead_reckoned"].to_numpy(bool), along(east, north)
+    return Track(times_in(table), longitude, latitude, depth, east, north, far, reckoned)
+
+
+def times_in(table: pd.DataFrame) -> Times:
+    """Return the times of a table of a result [ns, UTC]."""
+    return np.asarray(table.index.to_numpy("datetime64[ns]").astype(np.int64))
+
+
+def along(east: Array, north: Array) -> Array:
+    """Return the distance along a track since its first position [m]."""
+    steps = np.hypot(np.diff(east), np.diff(north))
+    return np.concatenate([np.zeros(min(1, east.size)), np.cumsum(steps)])
+
+
+class BinsAlongTrack(NamedTuple):
+    """Used bins of profiles along a track, one row each.
 
     Attributes:
         time_ns: [ns, UTC].
         distance: Distance along the track [m].
         depth: [m], positive down.
-        estimated: shape (n, 2) [m/s], local east and north, after the update; NaN without one.
-        residual: shape (n, 2) [m/s], measured minus estimated.
-        replayed: shape (n, 2) [m/s], before smoothing; NaN without.
-        standard_error: shape (n, 2) [m/s], of the last estimate; NaN without one.
+        values: Components along local east and north, shape (n, 2) [m/s], NaN if unknown: ``measured``; ``replayed``, the estimate before
+            smoothing, and ``before``, measured minus it; ``estimated``, after the update, and ``residual``, measured minus it; ``error``,
+            the standard error of the last estimate.
         profiles: Number of profiles.
         left_out: Number of omitted profiles.
     """
 
-    time_ns: NDArray[np.int64]
+    time_ns: Times
     distance: Array
     depth: Array
-    estimated: Array
-    residual: Array
-    replayed: Array
-    standard_error: Array
+    values: Mapping[str, Array]
     profiles: int
     left_out: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MeanCurrents:
-    """Mean currents of dives and the estimate, one row per dive.
-
-    Attributes:
-        time_ns: End of the dive [ns, UTC].
-        dive: Number of the dive.
-        measured: shape (n, 2) [m/s], east and north; NaN if unknown.
-        corrected: shape (n, 2) [m/s], for the flight-model error; NaN if not.
-        estimated: shape (n, 2) [m/s], mean of the updated estimate along the dive.
-        residual: shape (n, 2) [m/s], corrected, or else measured, minus estimated.
-        standard_error: shape (n, 2) [m/s], of the innovation.
-        errors: shape (n, 3) [m/s], of these three.
-    """
-
-    time_ns: NDArray[np.int64]
-    dive: NDArray[np.int64]
-    measured: Array
-    corrected: Array
-    estimated: Array
-    residual: Array
-    standard_error: Array
-    errors: Array
-
-
 def bins_along_track(
-    measured: Measured,
-    track: Track,
-    history: EstimateHistory,
-    estimate: FlowEstimate | None,
-    most: int,
+    measured: Measured, track: Track, history: EstimateHistory, most: int
 ) -> BinsAlongTrack:
     """Return the used bins of the profiles of a result along its track.
 
@@ -82,38 +111,26 @@ def bins_along_track(
         measured: Measurements of the result.
         track: Track of the result.
         history: History of its estimate.
-        estimate: The last estimate, for the standard error; None for none.
         most: Largest number of profiles.
     """
-    observations, bins = measured.observations, measured.innovations
+    observations, bins, estimate = measured.observations, measured.innovations, history.estimate
     of_profiles = observations["mean_current_kind"].isna()
     wanted = np.flatnonzero((observations["dof"] > 0) & of_profiles)
     kept = wanted[thinned(wanted.size, most)]
-    used = bins[
-        bins["observation"].isin(kept) & np.isfinite(bins["residual_east"].to_numpy(np.float64))
-    ]
-    time_ns = used.index.to_numpy().astype("datetime64[ns]").astype(np.int64)
+    used = bins[bins["observation"].isin(kept) & bins["residual_east"].notna()]
+    time_ns, depth = times_in(used), used["depth"].to_numpy(np.float64)
     east, north, distance = track.at(time_ns)
-    depth, residual = used["depth"].to_numpy(np.float64), _pairs(used, "residual")
+    residual, off = (pairs(used, name) for name in ("residual", "replayed_residual"))
     # where it is not stated what was measured, by the published unknowns
-    estimated = _pairs(used, "measured") - residual
+    estimated = pairs(used, "measured") - residual
     if not np.isfinite(estimated).any():
         estimated = _estimated(history, time_ns, (east, north, depth))
-    error = np.full((depth.size, 2), np.nan)
+    error = np.full(residual.shape, np.nan)
     if estimate is not None and estimate.n_modes and depth.size and np.isfinite(east).all():
         error = estimate.standard_error(east, north, depth)
-    # measured minus the residual before smoothing
-    replayed = estimated + residual - _pairs(used, "replayed_residual")
+    values = _values(estimated, residual, off, error)
     return BinsAlongTrack(
-        time_ns,
-        distance,
-        depth,
-        estimated,
-        residual,
-        replayed,
-        error,
-        kept.size,
-        measured.profiles - kept.size,
+        time_ns, distance, depth, values, kept.size, measured.profiles - kept.size
     )
 
 
@@ -129,12 +146,11 @@ def estimate_along_track(
         history: History of the estimate.
         estimate: The last estimate.
     """
+    columns, rows = _SECTION
     deepest = np.fmin(np.nanmax(track.depth, initial=estimate.levels[0]), estimate.levels[-1])
-    times = np.unique(
-        np.linspace(track.time_ns[0], track.time_ns[-1], _SECTION[0]).astype(np.int64)
-    )
-    depths = deepest * (np.arange(_SECTION[1]) + 0.5) / _SECTION[1]
-    time_ns, depth = np.repeat(times, depths.size), np.tile(depths, times.size)
+    times = np.unique(np.linspace(track.time_ns[0], track.time_ns[-1], columns).astype(np.int64))
+    time_ns = np.repeat(times, rows)
+    depth = np.tile(deepest * (np.arange(rows) + 0.5) / rows, times.size)
     east, north, distance = track.at(time_ns)
     estimated = _estimated(history, time_ns, (east, north, depth))
     none = error = np.full(estimated.shape, np.nan)
@@ -143,48 +159,33 @@ def estimate_along_track(
         # the flow is 0 far outside its region and on land, which is no estimate
         estimated[np.isnan(error)] = np.nan
     known = bool(np.isfinite(estimated).any() or np.isfinite(error).any())
-    rows = slice(None if known else 0)
-    return BinsAlongTrack(
-        time_ns[rows],
-        distance[rows],
-        depth[rows],
-        estimated[rows],
-        none[rows],
-        none[rows],
-        error[rows],
-        times.size * known,
-        left_out=0,
-    )
+    part = slice(None if known else 0)
+    values = _values(*(each[part] for each in (estimated, none, none, error)))
+    return BinsAlongTrack(time_ns[part], distance[part], depth[part], values, times.size * known, 0)
 
 
-def mean_currents(held: Measured) -> MeanCurrents:
-    """Return the mean currents of the dives of a result with those of its estimate."""
-    observations, bins = held.observations, held.innovations
-    of_dive = observations["mean_current_kind"] == "dac"
-    rows = np.flatnonzero(of_dive & (observations["dof"] > 0))
-    values = bins.set_index("observation").loc[rows]
-    dive = observations["dive"].to_numpy(np.int64)[rows]
-    end = observations.index.to_numpy().astype("datetime64[ns]").astype(np.int64)[rows]
-    residual, error = (_pairs(values, name) for name in ("residual", "innovation_std"))
-    means = observations.iloc[rows]
-    measured, corrected = (
-        _pairs(means, f"mean_current_{name}") for name in ("measured", "corrected")
-    )
-    stated = [
-        f"mean_current_{name}_standard_error" for name in ("measured", "corrected", "estimated")
-    ]
-    errors = means[stated].to_numpy(np.float64)
-    used = np.where(np.isfinite(corrected), corrected, measured)
-    return MeanCurrents(end, dive, measured, corrected, used - residual, residual, error, errors)
+def _values(estimated: Array, residual: Array, off: Array, error: Array) -> dict[str, Array]:
+    """Return the quantities of bins; ``off`` is measured minus the estimate before smoothing."""
+    measured = estimated + residual
+    found = {"measured": measured, "replayed": measured - off, "estimated": estimated}
+    return found | {"before": measured - (measured - off), "residual": residual, "error": error}
 
 
-def _pairs(table: pd.DataFrame, name: str) -> Array:
+def mean_currents(held: Measured) -> pd.DataFrame:
+    """Return the rows of ``Result.observations`` that are DACs used, with the standard deviations of their innovations."""
+    rows, bins = held.observations, held.innovations.set_index("observation")
+    number = np.flatnonzero((rows["mean_current_kind"] == "dac") & (rows["dof"] > 0))
+    std = {f"innovation_std_{end}": bins[f"innovation_std_{end}"] for end in ("east", "north")}
+    return rows.iloc[number].assign(**{k: v.loc[number].to_numpy() for k, v in std.items()})
+
+
+def pairs(table: pd.DataFrame, name: str) -> Array:
     """Return the components of a column of a table, shape (n, 2)."""
     return np.asarray(table[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64))
 
 
 def _estimated(
-    history: EstimateHistory, time_ns: NDArray[np.int64], places: tuple[Array, Array, Array]
+    history: EstimateHistory, time_ns: Times, places: tuple[Array, Array, Array]
 ) -> Array:
     """Return the estimate at its time at local east, north and depth [m], shape (n, 2) [m/s]; NaN before the first measurement."""
     out = np.full((time_ns.size, 2), np.nan)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
@@ -12,20 +13,29 @@ from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.plan import Plan
+from replay_kit.results.geojson import last_plan
 from replay_kit.results.innovations import Measured
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.plans import last_plan
 from replay_kit.results.result import ResultFile
+from replay_kit.results.slices import grid_cells
 from replay_kit.results.views.along_track import (
     BinsAlongTrack,
-    MeanCurrents,
+    Track,
     bins_along_track,
     estimate_along_track,
     mean_currents,
+    track_of,
 )
-from replay_kit.results.views.history import EstimateHistory, Series, mean_to_depth, series_of
-from replay_kit.results.views.slices import CurrentSlices, on_grid, published_slices, slices_of
-from replay_kit.results.views.track import Track, published_seabed, track_of
+from replay_kit.results.views.current import (
+    At,
+    CurrentSlices,
+    EstimateHistory,
+    mean_to_depth,
+    on_grid,
+    published_slices,
+    series_of,
+    slices_of,
+)
 
 #: Profiles shown along the track; more are thinned.
 PROFILES_SHOWN = 600
@@ -118,11 +128,9 @@ class Contents:
         published = published_slices(self.result.reader, grid)
         if estimate is None:
             return published
-        return (
-            slices_of(estimate, estimate.levels)
-            if published is None
-            else on_grid(published, estimate.grid)
-        )
+        if published is None:
+            return slices_of(estimate, estimate.levels)
+        return on_grid(published, estimate.grid)
 
     @cached_property
     def history(self) -> EstimateHistory:
@@ -154,8 +162,8 @@ class Contents:
             return None
         return mean_to_depth(self.slices, self.history, self.dive_depth)
 
-    def series(self, place: tuple[float, float, float]) -> Series | None:
-        """Return the current at longitude, latitude [degrees] and depth [m] through time; None without a current."""
+    def series(self, place: At) -> pd.DataFrame | None:
+        """Return the current at a position through time, see ``series_of``; None without a current."""
         if self.slices is None:
             return None
         return series_of(self.slices, self.projection, self.history, place)
@@ -163,9 +171,7 @@ class Contents:
     @cached_property
     def bins(self) -> BinsAlongTrack:
         """Used bins along the track."""
-        return bins_along_track(
-            self.measured, self.track, self.history, self.estimate, PROFILES_SHOWN
-        )
+        return bins_along_track(self.measured, self.track, self.history, PROFILES_SHOWN)
 
     @cached_property
     def section(self) -> BinsAlongTrack:
@@ -175,8 +181,8 @@ class Contents:
         return estimate_along_track(self.track, self.history, self.estimate)
 
     @cached_property
-    def mean_currents(self) -> MeanCurrents:
-        """Mean currents of the dives."""
+    def mean_currents(self) -> pd.DataFrame:
+        """Mean currents of the dives, see ``along_track.mean_currents``."""
         return mean_currents(self.measured)
 
     @cached_property
@@ -189,7 +195,10 @@ class Contents:
     @cached_property
     def seabed(self) -> Seabed | None:
         """Seabed around the region; None without a bathymetry."""
-        return published_seabed(self.result.reader)
+        for _, value in self.result.reader.decoded("/plan/seabed"):
+            east, north, fields = grid_cells(value)
+            return Seabed(east, north, fields["depth"])
+        return None
 
     @property
     def span_ns(self) -> tuple[int, int] | None:

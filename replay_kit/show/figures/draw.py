@@ -1,5 +1,6 @@
 """Matplotlib back end of figures: files for papers, and SVG in the colours of a page's style."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from io import BytesIO
@@ -16,8 +17,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import ScaledTranslation
 
 from replay_kit.core.words.colors import LIGHT, PRINT, scale
-from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
-from replay_kit.show.figures.style import (
+from replay_kit.show.figures.figure import (
     BEHIND,
     DASHES,
     GRID,
@@ -27,6 +27,10 @@ from replay_kit.show.figures.style import (
     SMALL,
     THIN,
     WIDTHS,
+    Axis,
+    Figure,
+    Mark,
+    Panel,
 )
 from replay_kit.show.numbers import nice
 
@@ -391,15 +395,10 @@ def column(values: Any, digits: int) -> list[Any]:
     each = np.asarray(values).ravel()
     if each.dtype.kind == "M":
         return [text.replace("T", " ") for text in np.datetime_as_string(each, unit="s").tolist()]
+    values = each.tolist()
     if each.dtype.kind != "f":
-        return list(each.tolist())
-    known, size = np.isfinite(each), np.abs(each)
-    with np.errstate(all="ignore"):
-        tens = np.floor(np.log10(np.where(known & (size > 0.0), size, 1.0)))
-        places = 10.0 ** (digits - 1 - tens)
-        rounded = (np.rint(each * places) / places).astype(object)
-    rounded[~known] = None
-    return list(rounded.tolist())
+        return list(values)
+    return [float(f"{one:.{digits}g}") if math.isfinite(one) else None for one in values]
 
 
 _COLORS = {color: f"var(--{role})" for role, color in LIGHT.items()}
@@ -408,6 +407,19 @@ _COLORS |= {GRID: "var(--grid)", BEHIND: "var(--panel)"}
 
 # A group without an attribute around what has none within, and one of nothing.
 _PLAIN = re.compile(r"<g>\s*((?:(?!<g[ >]|</g>).)*)</g>\s*|<g/>\s*|<defs>\s*</defs>\s*", re.S)
+
+
+# All points of a mark have the look of the first; then what a browser takes anyway, or nobody sees at lines of less than a pixel.
+_SHORTER = (
+    ("xlink:href", "href"),
+    (r'(<g[^>]*)>(\s*<use [^>]*?) style="([^"]*)"', r'\1 style="\3">\2'),
+    (r'(<use [^>]*?) style="[^"]*"', r"\1"),
+    (
+        r" font-family: [^;\"]*;| transform=\"rotate\(-0 [^\"]*\"|; stroke-linejoin: miter"
+        r"|(?<=stroke-width: 0\.\d); stroke-linecap: square",
+        "",
+    ),
+)
 
 
 def _slim(svg: str, key: str) -> str:
@@ -419,20 +431,12 @@ def _slim(svg: str, key: str) -> str:
     body = re.sub(r'<g id="[^"]*"', "<g", body)
     ids = {own: f"{key}-{count}" for count, own in enumerate(re.findall(r'id="([^"]*)"', body))}
     body = re.sub(r'(id="|#)([\w-]+)(?=["\)])', lambda at: at[1] + ids.get(at[2], at[2]), body)
-    body = body.replace("xlink:href", "href")
-    # all points of a mark have the look of the first
-    body = re.sub(r'(<g[^>]*)>(\s*<use [^>]*?) style="([^"]*)"', r'\1 style="\3">\2', body)
-    body = re.sub(r'(<use [^>]*?) style="[^"]*"', r"\1", body)
-    # what a browser takes anyway, or nobody sees at lines of less than a pixel
-    usual = r" font-family: [^;\"]*;| transform=\"rotate\(-0 [^\"]*\"|; stroke-linejoin: miter"
-    body = re.sub(usual + r"|(?<=stroke-width: 0\.\d); stroke-linecap: square", "", body)
+    for pattern, new in _SHORTER:
+        body = re.sub(pattern, new, body)
     # places of points to a tenth of a pixel, lines and what a point looks like to a hundredth
     body = re.sub(r"<use [^>]*>", lambda tag: re.sub(r"(\d\.\d)\d+", r"\1", tag[0]), body)
-    body = re.sub(
-        r"<[^>!]*>",
-        lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]) if "base64" not in tag[0] else tag[0],
-        body,
-    )
+    others = r"<(?!image)[^>!]*>"
+    body = re.sub(others, lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), body)
     while (plain := re.sub(_PLAIN, r"\1", body)) != body:
         body = plain
     for color, name in _COLORS.items():

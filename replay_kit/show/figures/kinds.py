@@ -14,10 +14,9 @@ from replay_kit.core.words.quantities import parse_time
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.draw import compose, drawn_into
-from replay_kit.show.figures.figure import Figure
+from replay_kit.show.figures.figure import WIDTHS, Figure
 from replay_kit.show.figures.map import Chosen, map_figure, plan_figure
 from replay_kit.show.figures.section import dives_figure, section_figure, series_figure
-from replay_kit.show.figures.style import WIDTHS
 from replay_kit.show.figures.trust import trust_figure
 
 #: Each figure by its name.

@@ -1,7 +1,6 @@
 """Maps for papers: current and standard error at a depth, with the features of a result."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -14,19 +13,14 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_loca
 from replay_kit.core.plan import ORIGIN, Plan
 from replay_kit.core.region import Feature
 from replay_kit.core.words.text import time_text
-from replay_kit.results.geojson import ROLES, features_of, until
-from replay_kit.results.plans import line_of, placed
+from replay_kit.results.geojson import ROLES, features_of, line_of, placed, until
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.history import typical_depth
-from replay_kit.results.views.slices import CurrentSlices, slices_of
-from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
-from replay_kit.show.figures.plan import profile_figure
-from replay_kit.show.figures.style import ON_MAP
+from replay_kit.results.views.current import At, CurrentSlices, slices_of, typical_depth
+from replay_kit.show.figures.figure import ON_MAP, Axis, Figure, Mark, Panel, missing
+from replay_kit.show.figures.section import profile_figure
 from replay_kit.show.numbers import nice
 from replay_kit.show.sentences import energy_sentence, odds_sentence
 
-#: A place: longitude, latitude [degrees] and depth [m].
-At = tuple[float, float, float]
 # Most arrows along the longer side of a map; of fewer side by side each is still no longer than this share of the width.
 _ARROWS, _FEW = 24, 10.0
 # Contours of the bottom are about this many.
@@ -35,8 +29,7 @@ _CONTOURS = 7
 _LEAST = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class Chosen:
+class Chosen(NamedTuple):
     """Selection of the data of a figure; None for its default.
 
     Attributes:
@@ -136,7 +129,7 @@ def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
     roles = [role for role, table in ROLES.items() if table in ("plans", "surfacings")]
     panels = [_map_panel(contents, title, extent, chosen, marks, 0.85, roles)]
     if flown:
-        panels.append(replace(profile_figure(contents, plan).panels[0], height=0.85))
+        panels.append(profile_figure(contents, plan).panels[0]._replace(height=0.85))
     return Figure("plan", "Plan", panels, notes=notes)
 
 
@@ -256,7 +249,7 @@ def slices_at(contents: Contents, chosen: Chosen) -> CurrentSlices | None:
         raise ConfigError(f"--time: no current was published before {said}")
     fields = published.fields[k : k + 1, end - 1 : end]
     depths, time = published.depths[k : k + 1], times[end - 1 : end]
-    return replace(published, depths=depths, time_ns=time, fields=fields)
+    return published._replace(depths=depths, time_ns=time, fields=fields)
 
 
 def without_current(slices: CurrentSlices, extent: Extent) -> list[str]:

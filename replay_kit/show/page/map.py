@@ -16,10 +16,10 @@ from replay_kit.core.words.colors import scale
 from replay_kit.core.words.text import time_text
 from replay_kit.results.geojson import POSITIONS, features_of
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.results.views.current import CurrentSlices
 from replay_kit.show.figures.draw import column
+from replay_kit.show.figures.figure import ON_MAP
 from replay_kit.show.figures.map import Extent, around, bottom_lines, dry_text, places_of
-from replay_kit.show.figures.style import ON_MAP
 from replay_kit.show.page.page import Map, pack
 
 #: Of one step of the packed current [m/s].
@@ -47,7 +47,14 @@ def map_of(contents: Contents) -> Map | None:
         "marks": [*marks_of(lines, contents.projection), *marks],
     }
     title = "The current, the track and the plan"
-    choices = {} if slices is None else _choices(contents, slices)
+    choices = dict[str, Sequence[str]]()
+    if slices is not None:
+        depths = [f"{depth:g} m" for depth in slices.depths]
+        choices = {
+            "Show": ("speed", "standard error"),
+            "Depth": [f"mean to {contents.dive_depth:.0f} m", *depths],
+            "Time": [time_text(int(time))[:16] for time in slices.time_ns],
+        }
     texts = _caption(contents, slices), _alternative(contents)
     return Map("current-map", title, *texts, choices, packed, drawn)
 
@@ -58,12 +65,13 @@ def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[s
     for one in features:
         about = one["properties"]
         role, at = about["role"], places_of(one["geometry"])
-        east, north = (np.round(each / 1e3, 3).tolist() for each in to_local(projection, *at.T))
+        east, north = (np.round(axis / 1e3, 3).tolist() for axis in to_local(projection, *at.T))
         made = [about["time"]] * len(at) if "time" in about else about.get("coordTimes", [])
         said = [] if role in _SILENT else _said(about, len(at))
+        each = np.array([time.rstrip("Z") for time in made], "datetime64[ms]").astype(np.int64)
         mark = {"symbol": "", "width": 2.0, "size": 6.0, **ON_MAP[role]}
         place = {"role": role, "label": _label(about), "x": east, "y": north}
-        marks.append(mark | place | {"text": said or None, "when": _milliseconds(made) or None})
+        marks.append(mark | place | {"text": said or None, "when": each.tolist() or None})
     return marks
 
 
@@ -94,22 +102,6 @@ def _said(about: Mapping[str, Any], count: int) -> list[str]:
     time = about["time"] if about["role"] in ("begin", "vehicle", "predicted", "actual") else ""
     said = f"{name} {time[:16].replace('T', ' ')}".strip()
     return ["<br>".join(filter(None, [said, escape(about.get("description", ""))]))] * count
-
-
-def _milliseconds(times: Sequence[str]) -> list[int]:
-    each = np.array([time.rstrip("Z") for time in times], "datetime64[ms]")
-    return list(each.astype(np.int64).tolist())
-
-
-def _choices(contents: Contents, slices: CurrentSlices) -> dict[str, Sequence[str]]:
-    return {
-        "Show": ("speed", "standard error"),
-        "Depth": [
-            f"mean to {contents.dive_depth:.0f} m",
-            *(f"{depth:g} m" for depth in slices.depths),
-        ],
-        "Time": [time_text(int(time))[:16] for time in slices.time_ns],
-    }
 
 
 def _views(
@@ -203,20 +195,21 @@ def coast_near(projection: Projection, longitude: Array, latitude: Array) -> lis
         latitude: Limits of the box [degrees].
     """
     (west, east), (south, north) = longitude, latitude
-    least = float(max(east - west, north - south)) / _POINTS
-    near = [shapely.Polygon(ring) for ring in _rings_in(west, east, south, north)]
-    cut = shapely.clip_by_rect(near, west, south, east, north)
-    parts = shapely.get_parts(shapely.simplify(cut, 0.5 * least))
-    # what of a ring beside the box is cut to a line has no area
-    return [
-        np.column_stack(to_local(projection, *part.exterior.coords.xy))
-        for part in parts
-        if part.area > least**2
-    ]
+    least, land, found = float(max(east - west, north - south)) / _POINTS, _land(), list[Array]()
+    tree = shapely.STRtree(land)
+    for turn in (-360.0, 0.0, 360.0):
+        box = west - turn, south, east - turn, north
+        near = land[np.sort(tree.query(shapely.box(*box)))]
+        cut = shapely.clip_by_rect(near, *box)
+        parts = shapely.get_parts(shapely.simplify(cut, 0.5 * least))
+        # what of a ring beside the box is cut to a line has no area
+        rings = (part.exterior.coords.xy for part in parts if part.area > least**2)
+        found += (np.column_stack(to_local(projection, *ring)) for ring in rings)
+    return found
 
 
-def _rings_in(west: float, east: float, south: float, north: float) -> list[Array]:
-    """Return the rings of land that may intersect a box, each shape (n, 2), unwrapped longitude and latitude [degrees]."""
+def _land() -> Any:
+    """Return the rings of land as polygons, longitude and latitude [degrees]."""
     path = files("replay_kit.show.page").joinpath("coast.npz")
     with path.open("rb") as file, np.load(file) as kept:
         # each ring is its first point and the steps from it
@@ -225,16 +218,8 @@ def _rings_in(west: float, east: float, south: float, north: float) -> list[Arra
         first = np.cumsum(counts) - counts
         at = np.insert(steps, first - np.arange(first.size), 0, axis=0).cumsum(axis=0)
         at += np.repeat(kept["starts"] - at[first], counts, axis=0)
-    places = origin + unit * at
-    (left, low), (right, high) = (
-        reach.reduceat(places, first).T for reach in (np.minimum, np.maximum)
-    )
-    near = []
-    for turn in (-360.0, 0.0, 360.0):
-        across = (right >= west - turn) & (left <= east - turn)
-        for k in np.flatnonzero(across & (high >= south) & (low <= north)).tolist():
-            near.append(places[first[k] : first[k] + counts[k]] + np.array([turn, 0.0]))
-    return near
+    number = np.repeat(np.arange(counts.size), counts)
+    return shapely.polygons(shapely.linearrings(origin + unit * at, indices=number))
 
 
 def _caption(contents: Contents, slices: CurrentSlices | None) -> str:

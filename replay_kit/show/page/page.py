@@ -5,11 +5,11 @@ import json
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
 from textwrap import shorten
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from replay_kit.core import __version__
 from replay_kit.core.words.colors import palette_css, scale
 from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Figure, Panel
-from replay_kit.show.page.parts import items_html, table_html
 
 __all__ = [
     "Map",
@@ -36,8 +35,7 @@ _SCRIPTS = ("page", "map", "explore")
 _DASHES = {"dash": "dashed", "dot": "dotted", "dashdot": "dashed", "longdash": "dashed"}
 
 
-@dataclass(frozen=True, slots=True)
-class Map:
+class Map(NamedTuple):
     """Map of a page, at most one.
 
     Attributes:
@@ -59,8 +57,7 @@ class Map:
     drawn: Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """Section of a page.
 
     Attributes:
@@ -83,7 +80,7 @@ class Section:
     menu: str = ""
     answer: str = ""
     beside: str = ""
-    parts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    parts: Mapping[str, Sequence[str]] = MappingProxyType({})
 
 
 def page_html(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
@@ -279,3 +276,45 @@ def _controls_html(figure: Map) -> Iterator[str]:
             f'<label for="{name}">{title} <input type="range" id="{name}" min="0" max="{last}" '
             f'value="{chosen}"{fixed} aria-valuetext="{text}"><output for="{name}">{text}</output></label>'
         )
+
+
+#: Rows of a table that is open at first.
+_ROWS_OPEN = 14
+
+
+def table_html(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
+    """Return a table as HTML, scrollable if wide and folded if long.
+
+    Args:
+        heads: Column headings.
+        rows: Rows of escaped cells.
+        caption: Caption.
+    """
+    head = "".join(f'<th scope="col">{escape(text)}</th>' for text in heads)
+    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    table = (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}">'
+        f"<table><caption><span>{escape(caption)}</span></caption>"
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+    if len(rows) <= _ROWS_OPEN:
+        return table
+    return f"<details><summary>{escape(caption)} ({len(rows)} rows)</summary>{table}</details>"
+
+
+def items_html(items: Sequence[str]) -> str:
+    """Return a list of escaped items as HTML."""
+    return f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>"
+
+
+def compass(bearing: float, what: str) -> str:
+    """Return a compass with an arrow as SVG.
+
+    Args:
+        bearing: Bearing clockwise from north [degrees].
+        what: Text alternative.
+    """
+    return (
+        f'<svg class="compass" viewBox="-33 -33 66 66" role="img" aria-label="{escape(what)}"><circle r="31"/><text y="-20">N</text>'
+        f'<path transform="rotate({bearing:.1f})" d="M0-25 L8 12 L0 6 L-8 12Z"/></svg>'
+    )

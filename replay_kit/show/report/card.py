@@ -1,7 +1,6 @@
 """Summary card of a report: verdict, command, next surfacing, odds and current at the vehicle."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from html import escape
 from typing import Any
 
@@ -11,8 +10,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.words.quantities import parse_time
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.history import series_at
-from replay_kit.results.views.slices import KEPT, CurrentSlices
+from replay_kit.results.views.current import KEPT, CurrentSlices, published_at
 from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.numbers import (
@@ -24,8 +22,8 @@ from replay_kit.show.numbers import (
     nice,
     sentence,
 )
-from replay_kit.show.page.page import legend
-from replay_kit.show.page.parts import compass
+from replay_kit.show.page.page import compass, legend
+from replay_kit.show.report.answer import lights, next_steps
 from replay_kit.show.status.held import Values, read_held
 from replay_kit.show.status.lines import BASIS
 from replay_kit.show.status.status import status_of
@@ -42,56 +40,47 @@ def card_html(contents: Contents) -> str:
     command = figures.get("command", {})
     steered = command.get("heading_deg") is not None
     answer = _steer(command) + _arrival(figures["odds"]) if steered else _water(contents)
-    parts = [
-        *(_chip(contents), answer, _surfacing(figures), _profile(contents), _lights(contents)),
-        _why(contents),
-    ]
+    each = (
+        f'<a href="#trust" class="{one.color}">{escape(one.name)}</a>' for one in lights(contents)
+    )
+    marks = f'<p class="lights">{"".join(each)}</p>'
+    first, last = _verdict(contents)
+    parts = first, answer, _surfacing(figures), _profile(contents), marks, last
     return "".join(f"<div>{part}</div>" for part in parts if part)
 
 
-def _chip(contents: Contents) -> str:
-    outcome = contents.outcome
+def _verdict(contents: Contents) -> tuple[str, str]:
+    """Return the verdict with its first reason; and further reasons, the plan's message and the next step, empty for a trusted result."""
+    outcome, plan = contents.outcome, contents.last_plan
+    (word, reasons), step = outcome.verdict, f"Next step: {next_steps(contents)[0]}"
+    text = escape(": ".join([_WORDS[word], *reasons[:1]]))
+    chip = f'<p class="chip {_CLASSES[word]}"><a href="#trust">{text}</a></p>'
     if not outcome.complete:
-        return '<p class="chip care">No verdict: the run did not finish, or an earlier version made the result</p>'
-    verdict = outcome.verdict
-    reason = f": {verdict.reasons[0]}" if verdict.reasons else ""
-    text = escape(f"{_WORDS[verdict.word]}{reason}")
-    return f'<p class="chip {_CLASSES[verdict.word]}"><a href="#trust">{text}</a></p>'
-
-
-def _why(contents: Contents) -> str:
-    """Return further reasons for care, the plan's message and the next step; empty for a trusted result."""
-    verdict, plan = contents.outcome.verdict, contents.last_plan
-    texts = list(verdict.reasons[1:])
+        chip = '<p class="chip care">No verdict: the run did not finish, or an earlier version made the result</p>'
+    texts = list(reasons[1:])
     if plan is not None and plan.status != "reached":
         why = plan.message.partition(". ")[0]
         texts.append(f"the plan failed: {why}" if plan.status == "failed" else why)
-    said = "; ".join(texts)
-    first = f'<p class="below">{escape(said[:1].upper() + said[1:])}.</p>' if texts else ""
-    if verdict.word == "trust":
-        return first
-    from replay_kit.show.report.sections.answer import next_steps
-
-    return f'{first}<p class="below">Next step: {next_steps(contents)[0]}</p>'
+    said = escape("; ".join(texts))
+    more = [f"{said[:1].upper()}{said[1:]}."] * bool(texts) + [step] * (word != "trust")
+    return chip, "".join(f'<p class="below">{one}</p>' for one in more)
 
 
 def _steer(command: Values) -> str:
     """Return the command: heading, true and magnetic if known, target position and dive."""
-    heading, magnetic, deep = (
-        command[name] for name in ("heading_deg", "magnetic_heading_deg", "depth_m")
+    heading, origin = command["heading_deg"], command["dives"].partition(":")[0]
+    place = "" if command["depth_m"] is None else sentence("{place}", command)
+    # with spaces at which no line breaks
+    target = (
+        f"for {str(place).replace(' ', chr(160))}, dive to {{depth_m:,.0f}} m, " if place else ""
     )
-    place = minutes_text(command["longitude"], command["latitude"]) if deep is not None else ""
-    origin = command["dives"].partition(":")[0]
     form = (
-        f"{'' if magnetic is None else '{magnetic_heading_deg:course}° magnetic, '}"
-        f"{f'for {_unbroken(place)}, ' if place else ''}{'' if deep is None else 'dive to {depth_m:,.0f} m, '}"
+        f"[{{magnetic_heading_deg:course}}° magnetic, ]{target}"
         f"glide angle {{glide_angle_deg:.0f}}°, {{speed:.2f}} m/s through water{f' ({origin})' if origin else ''}"
     )
     shown, said = (_said(text, command, "command") for text in ("{heading_deg:course}", form))
-    return (
-        f'<div class="steer">{compass(heading, f"Steer {heading:.0f} degrees true")}<div><p class="big">{shown}°</p>'
-        f"<p>{said}</p></div></div>"
-    )
+    arrow = compass(heading, f"Steer {heading:.0f} degrees true")
+    return f'<div class="steer">{arrow}<div><p class="big">{shown}°</p><p>{said}</p></div></div>'
 
 
 def _said(template: str, values: Values, answer: str) -> str:
@@ -99,23 +88,16 @@ def _said(template: str, values: Values, answer: str) -> str:
     return sentence(template, values, f"status.{answer}.").html
 
 
-def _unbroken(place: str) -> str:
-    """Return a position with non-breaking spaces within coordinates."""
-    return place.replace(" ", "\u00a0")
-
-
 def _arrival(odds: Values) -> str:
     if odds.get("duration_s") is None:
         return ""
-    arrives, half = odds["meets_goal"], odds.get("arrival_median")
-    end, below = odds["arrival"], "in the mean current, {duration_s:span}"
-    if not arrives:
-        below = "{closest_approach_m:km} from it"
-    elif half:
-        end, below = half, "half; fewer than 90 % in time"
-        if most := odds["arrival_90_percent"]:
-            below = f"half of the flights; 90 % by {clock(most)}"
-    title = "Arrives (UTC)" if arrives else "Nearest to the goal (UTC)"
+    title, end, below = "Arrives (UTC)", odds["arrival"], "in the mean current, {duration_s:span}"
+    if not odds["meets_goal"]:
+        title, below = "Nearest to the goal (UTC)", "{closest_approach_m:km} from it"
+    elif half := odds.get("arrival_median"):
+        end, most = half, odds["arrival_90_percent"]
+        in_time = f"half of the flights; 90 % by {clock(most)}" if most else ""
+        below = in_time or "half; fewer than 90 % in time"
     first = _fact(title, clock(end), _said(below, odds, "odds"))
     if "reached" not in odds:
         return _facts(first, _fact("Odds of arriving", "unknown", "no samples were flown"))
@@ -140,23 +122,21 @@ def _surfacing(figures: Mapping[str, Any]) -> str:
     values, at = figures.get("surfacing", {}), figures.get("position")
     if (first := values.get("next")) is None:
         return ""
-    when, below = "", "semi-axes"
+    when, below, size = "", "semi-axes", "[± {major_m:far} × {minor_m:far} km]"
+    sizes = {
+        name: _said(size, one, f"surfacing.{name}") or "unknown"
+        for name in ("next", "other")
+        if (one := values[name])
+    }
     if at is not None:
         ahead = (parse_time(first["time"]) - parse_time(at["since"])) / 1e9
         when = f"in {hours_text(ahead)}, " if ahead >= 0.0 else f"{hours_text(ahead)} ago, "
     if (other := values["other"]) is not None:
-        below = f"{clock(other['time'])} {BASIS[other['basis']]}, {_size(other, 'other')}"
+        below = f"{clock(other['time'])} {BASIS[other['basis']]}, {sizes['other']}"
     return _facts(
         _fact("Next surfacing (UTC)", clock(first["time"]), f"{when}{BASIS[first['basis']]}"),
-        _fact("Within (90 %)", _size(first, "next"), below),
+        _fact("Within (90 %)", sizes["next"], below),
     )
-
-
-def _size(one: Values, name: str) -> str:
-    """Return the semi-axes of the ellipse of a surfacing."""
-    if one["major_m"] is None:
-        return "unknown"
-    return _said("± {major_m:far} × {minor_m:far} km", one, f"surfacing.{name}")
 
 
 def _water(contents: Contents) -> str:
@@ -193,13 +173,13 @@ def _at_vehicle(contents: Contents, slices: CurrentSlices, mean: Array) -> Array
     if not track.time_ns.size:
         return np.empty((4, 0))
     at = track.longitude[-1], track.latitude[-1]
-    flat = replace(slices, depths=np.zeros(1), time_ns=slices.time_ns[-1:], fields=mean[None, None])
-    found: Any = (
-        series_at(flat, contents.projection, (*at, 0.0))
-        if flow is None
-        else flow.velocity_at(*at, np.linspace(0.0, min(contents.dive_depth, flow.levels[-1])))
-    )
-    each = np.stack([getattr(found, name) for name in KEPT])
+    flat = slices._replace(depths=np.zeros(1), time_ns=slices.time_ns[-1:], fields=mean[None, None])
+    if flow is None:
+        each = published_at(flat, contents.projection, (*at, 0.0))[1].T
+    else:
+        deep = np.linspace(0.0, min(contents.dive_depth, flow.levels[-1]))
+        found = flow.velocity_at(*at, deep)
+        each = np.stack([getattr(found, name) for name in KEPT])
     return each[:, np.isfinite(each[0])]
 
 
@@ -218,16 +198,6 @@ def _least_known(contents: Contents, slices: CurrentSlices, mean: Array) -> str:
         minutes_text(*place),
         f"± {error_text(error[j, i])} cm/s, least known{far}",
     )
-
-
-def _lights(contents: Contents) -> str:
-    from replay_kit.show.report.sections.trust import lights
-
-    each = (
-        f'<a href="#trust" class="{light.color}">{escape(light.name)}</a>'
-        for light in lights(contents)
-    )
-    return f'<p class="lights">{"".join(each)}</p>'
 
 
 def _profile(contents: Contents) -> str:

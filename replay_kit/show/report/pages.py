@@ -15,14 +15,11 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.section import dives_figure, section_figure
 from replay_kit.show.numbers import Sentence, clock_text, number
 from replay_kit.show.page.map import map_of
-from replay_kit.show.page.page import Section, page_html
-from replay_kit.show.page.parts import items_html, table_html
+from replay_kit.show.page.page import Section, items_html, page_html, table_html
+from replay_kit.show.report.answer import trust_section, words_section
 from replay_kit.show.report.card import card_html
-from replay_kit.show.report.sections.answer import words_section
-from replay_kit.show.report.sections.plan import plan_section
-from replay_kit.show.report.sections.trust import trust_section
-from replay_kit.show.sentences import estimate_sentences
-from replay_kit.show.vehicles import COLUMNS, vehicle_cells, vehicle_sentences
+from replay_kit.show.report.plan import plan_section
+from replay_kit.show.sentences import COLUMNS, estimate_sentences, vehicle_cells, vehicle_sentences
 
 # Entries of a list of the summary that are shown.
 _LONG = 12
@@ -113,7 +110,7 @@ def along_track_section(contents: Contents) -> Section:
     figures = [figure for figure in each if figure.panels[0].marks]
     missing = [figure.panels[0].note for figure in each if figure not in figures]
     title = "How does it change along the track, with depth and time?"
-    profiles, dives = contents.bins.profiles, contents.mean_currents.time_ns.size
+    profiles, dives = contents.bins.profiles, len(contents.mean_currents)
     answer = f"{profiles:,} profiles and {dives:,} DACs, compared with the estimate."
     return Section("section", title, "", figures, missing, "Section", answer)
 
@@ -159,8 +156,9 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
         pages: File names of the vehicles' pages by vehicle.
     """
     outcome, span = contents.outcome, contents.span_ns
+    links = {name: f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in pages.items()}
     rows = [
-        (_link(str(name), pages), *(Sentence([cell]).html for cell in rest))
+        (links.get(str(name), escape(str(name))), *(Sentence([cell]).html for cell in rest))
         for name, *rest in vehicle_cells(outcome)
     ]
     briefs = [f"{name}: {used} observations; {verdict}" for name, used, *_, verdict in rows]
@@ -183,8 +181,3 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
     ]
     title = f"Report on {contents.result.reader.name}"
     return page_html(title, [*sections, again_section(contents)], " · ".join(parts))
-
-
-def _link(name: str, pages: Mapping[str, str]) -> str:
-    page = pages.get(name)
-    return escape(name) if page is None else f'<a href="{escape(page)}">{escape(name)}</a>'

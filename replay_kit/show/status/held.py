@@ -3,21 +3,19 @@
 import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Plan
-from replay_kit.core.words.quantities import parse_time
+from replay_kit.results.geojson import plan_of
 from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.mcap.schemas import decode
 from replay_kit.results.mcap.topics import CONFIG_NAME, complete
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.plans import plan_of
 from replay_kit.results.reader import ResultReader, check_result
 from replay_kit.show.sentences import SOURCES
 
@@ -27,8 +25,7 @@ Values = dict[str, Any]
 _PLANS, _OUTCOMES = 2, 50
 
 
-@dataclass(frozen=True, slots=True)
-class Fix:
+class Fix(NamedTuple):
     """Position of the vehicle.
 
     Attributes:
@@ -44,8 +41,7 @@ class Fix:
     reckoned: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class Held(NamedTuple):
     """Data at the end of a result.
 
     Attributes:
@@ -87,14 +83,6 @@ class Held:
     def fix_error(self) -> float:
         """Standard error of a fix [m]; 0 if not set."""
         return float(self.settings.get("measurements", {}).get("fix_std", 0.0))
-
-    @property
-    def forecast_ns(self) -> tuple[int, int] | None:
-        """First and last time of the forecast [ns, UTC]; None without times."""
-        record = self.metadata.get("replay_kit.forecast", {})
-        if "first" not in record:
-            return None
-        return parse_time(record["first"]), parse_time(record["last"])
 
 
 def course(velocity: Mapping[str, float]) -> tuple[float, float]:

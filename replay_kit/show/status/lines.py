@@ -1,26 +1,29 @@
-"""Text of a status: a summary of ten lines for 80 columns, and details with ages.
+"""Status as text: a summary of ten lines for 80 columns, details with ages, and a self-contained page that reloads itself.
 
 Each number is a figure of the status.
 """
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from base64 import b64encode
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from hashlib import sha256
+from html import escape
+from importlib.resources import files
 from typing import Any, NamedTuple
 
-from replay_kit.core.words.text import printable
-from replay_kit.show.numbers import (
-    Sentence,
-    clock,
-    hours_text,
-    minutes_text,
-    sentence,
-)
+from replay_kit.core.words.colors import palette_css
+from replay_kit.core.words.text import printable, time_text
+from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.show.numbers import Sentence, clock, hours_text, sentence
+from replay_kit.show.sentences import vehicle_rows
 from replay_kit.show.status.held import Values, course
 from replay_kit.show.status.status import Status
 
 #: Columns of a screen, and of its labels.
 WIDTH, _LABEL = 80, 11
+#: What a predicted surfacing relies on.
+BASIS = {"plan": "if it flies this plan", "last_dive": "as the last dive"}
 
 
 class Line(NamedTuple):
@@ -44,24 +47,19 @@ def title(status: Status) -> str:
     name = printable(status.name.removesuffix(".mcap"))
     if (at := status.figures.get("position")) is None:
         return name
-    dive = f", dive {at['dive']}" if "dive" in at else ""
     old = f"{hours_text(at['age_s'])} ago" if at["age_s"] >= 60.0 else "now"
-    text = f"{dive}: fix {_place(at)} {clock(at['since'])} UTC, {old}"
+    text = str(sentence(f"[, dive {{dive}}]: fix {{place}} {{since:clock}} UTC, {old}", at))
     return f"{name[: WIDTH - len(text)]}{text}"
 
 
 def lines(status: Status) -> list[Line]:
     """Return the summary: verdict with reasons, then the answers."""
-    makers = {
-        "command": _steer,
-        "odds": _arrival,
-        "surfacing": _surfacing,
-        "goal": _goal,
-        "current": _current,
-        "fit": _fit,
-    }
-    found = [(make, status.figures.get(key)) for key, make in makers.items()]
-    return [_first(status), *(line for make, values in found if values for line in make(values))]
+    found = [_first(status)]
+    for key, make in _LINES.items():
+        if values := status.figures.get(key):
+            for label, form, fields, at in make(values):
+                found.append(Line(label, sentence(form, fields, f"{key}.{at}")))
+    return found
 
 
 def _first(status: Status) -> Line:
@@ -71,21 +69,23 @@ def _first(status: Status) -> Line:
     label = "ALARM" if texts else (fit.get("verdict") or "no verdict").upper()
     findings, said = fit.get("findings", ()), _odds_sentence(odds)
     severe = [one for one in findings if one["severity"] != "warning"]
-    texts += [f"{one['name']}: {one['evidence']}" for one in severe]
-    named = [one["name"] for one in findings]
     # the odds say it with numbers, but not that a plan must not be flown
     numbers = said.parts and odds["status"] != "unsafe"
-    reasons = [text for text in fit.get("reasons", ()) if not (numbers and "plan" in text)]
-    texts += [text for text in reasons if text not in named]
-    texts += [one["name"] for one in findings if one not in severe]
-    texts += [str(said)] if said.parts else []
-    if not texts:
-        known = fit.get("verdict") is not None
-        texts = ["no contradiction found" if known else "the run did not finish"]
-    text = fitting(texts, WIDTH - _LABEL)
-    if not text.endswith(str(said)):
-        return Line(label, Sentence([text]))
-    return Line(label, Sentence([text.removesuffix(str(said)), *said.parts]))
+    named = [one["name"] for one in findings]
+    texts += [
+        *(f"{one['name']}: {one['evidence']}" for one in severe),
+        *(
+            text
+            for text in fit.get("reasons", ())
+            if text not in named and not (numbers and "plan" in text)
+        ),
+        *(one["name"] for one in findings if one not in severe),
+        *([str(said)] if said.parts else []),
+    ]
+    known = "no contradiction found" if fit.get("verdict") else "the run did not finish"
+    text = fitting(texts or [known], WIDTH - _LABEL)
+    end = said.parts if text.endswith(str(said)) else ()
+    return Line(label, Sentence([text.removesuffix(str(said)) if end else text, *end]))
 
 
 def fitting(texts: Sequence[str], width: int) -> str:
@@ -102,92 +102,77 @@ def fitting(texts: Sequence[str], width: int) -> str:
 def _odds_sentence(odds: Values) -> Sentence:
     """Return the odds, or the status of a plan without them; empty without a plan or where the mean arrives."""
     if "reached" in odds:
-        required = math.ceil(odds["asked"] * odds["samples"] - 1e-9) if odds["asked"] else None
-        asked = "" if required is None else f" ({required} required)"
-        return sentence(
-            f"{{arrived}} of {{samples}} simulated flights arrive{asked}", odds, "odds."
-        )
+        asked = odds["asked"] and math.ceil(odds["asked"] * odds["samples"] - 1e-9)
+        need = f" ({asked} required)" if asked else ""
+        return sentence(f"{{arrived}} of {{samples}} simulated flights arrive{need}", odds, "odds.")
     lacks = odds.get("status") not in (None, "reached")
     return Sentence([f"plan {odds['status']}"] if lacks else [])
 
 
-def _steer(values: Values) -> Iterator[Line]:
+# Label, template, its fields and their path within the answer.
+_Said = Iterator[tuple[str, str, Mapping[str, Any], str]]
+
+
+def _steer(values: Values) -> _Said:
+    form = (
+        "{heading_deg:course}° true[, {magnetic_heading_deg:course}° magnetic][ to {place}][, {depth_m:,.0f} m]"
+        "[, {glide_angle_deg:.0f}°][, {speed:.2f} m/s]"
+    )
+    whole = f"{form} ({values['dives'].partition(':')[0] or 'as set'})"
+    fits = len(str(sentence(whole, values))) <= WIDTH - _LABEL
     if values["heading_deg"] is None:
+        form = "{said}"
         said = fitting([f"no command: {values['message']}"], WIDTH - _LABEL)
-        yield Line("Steer", Sentence([said]))
-        return
-    known = (
-        ("heading_deg", "{heading_deg:course}° true"),
-        ("magnetic_heading_deg", ", {magnetic_heading_deg:course}° magnetic"),
-        ("longitude", f" to {_place(values) if values['longitude'] is not None else ''}"),
-        ("depth_m", ", {depth_m:,.0f} m"),
-        ("glide_angle_deg", ", {glide_angle_deg:.0f}°"),
-        ("speed", ", {speed:.2f} m/s"),
-    )
-    form = "".join(text for name, text in known if values[name] is not None)
-    basis = f" ({values['dives'].partition(':')[0] or 'as set'})"
-    whole, line = (
-        Line("Steer", sentence(text, values, "command.")) for text in (form + basis, form)
-    )
-    yield whole if values["speed"] is not None and len(str(whole)) <= WIDTH else line
+        yield "Steer", form, {"said": said}, ""
+    else:
+        yield "Steer", whole if fits and values["speed"] is not None else form, values, ""
 
 
-def _arrival(values: Values) -> Iterator[Line]:
+def _arrival(values: Values) -> _Said:
     if values.get("duration_s") is None:
         return
-    legs = f", {values['legs']} legs" if values["legs"] else ""
-    flown, label, end = f" ({{duration_s:span}}{legs})", "Arrive", clock(values["arrival"])
+    label, text = "Arrive", "{arrival:clock} UTC in the mean current"
     if not values["meets_goal"]:
-        label, text = "Nearest", f"{{closest_approach_m:km}} from the goal, {end} UTC"
+        label, text = "Nearest", "{closest_approach_m:km} from the goal, {arrival:clock} UTC"
     elif half := values.get("arrival_median"):
         most = values["arrival_90_percent"]
-        ninety = f", 90 % by {clock(most, half)}" if most else ", fewer than 90 % in time"
-        text = f"50 % by {clock(half)} UTC{ninety}"
-    else:
-        fewer = "fewer than 50 % in time; " if "reached" in values else ""
-        text = f"{fewer}{end} UTC in the mean current"
-    yield Line(label, sentence(text + flown, values, "odds."))
+        ninety = f"90 % by {clock(most, half)}" if most else "fewer than 90 % in time"
+        text = f"50 % by {{arrival_median:clock}} UTC, {ninety}"
+    elif "reached" in values:
+        text = f"fewer than 50 % in time; {text}"
+    legs = f", {values['legs']} legs" if values["legs"] else ""
+    yield label, f"{text} ({{duration_s:span}}{legs})", values, ""
 
 
-#: What a predicted surfacing relies on.
-BASIS = {"plan": "if it flies this plan", "last_dive": "as the last dive"}
-
-
-def _surfacing(values: Values) -> Iterator[Line]:
+def _surfacing(values: Values) -> _Said:
     one, other = values.get("next"), values.get("other")
-    if one is None:
-        return
-    late = "OVERDUE " if one.get("overdue_s") else ""
-    yield Line("Next", _within(f"{late}{clock(one['time'])} UTC", "next", one))
-    if other is not None:
-        yield Line("  or", _within(clock(other["time"], one["time"]), "other", other))
+    form = "{} {{place}}[ ± {{major_m:km}}] {}".format
+    if one is not None:
+        late = "OVERDUE " if one.get("overdue_s") else ""
+        yield "Next", form(f"{late}{{time:clock}} UTC", BASIS[one["basis"]]), one, "next."
+    if one is not None and other is not None:
+        at = clock(other["time"], one["time"])
+        yield "  or", form(at, BASIS[other["basis"]]), other, "other."
 
 
-def _within(begin: str, name: str, one: Values) -> Sentence:
-    """Return the position of a surfacing and the major semi-axis of its 90 % ellipse."""
-    size = "" if one["major_m"] is None else " ± {major_m:km}"
-    form = f"{begin} {_place(one)}{size} {BASIS[one['basis']]}"
-    return sentence(form, one, f"surfacing.{name}.")
-
-
-def _goal(values: Values) -> Iterator[Line]:
+def _goal(values: Values) -> _Said:
     form = "{distance_km:,.1f} km away"
     if values["made_good"]:
         word = "receding" if values["made_good"][0]["km_a_day"] < 0.0 else "approaching"
         form += f"; {word} {{made_good.0.km_a_day:size}} km a day over {{made_good.0.days:days}}"
-    yield Line("Goal", sentence(form, values, "goal."))
+    yield "Goal", form, values, ""
 
 
-def _current(values: Values) -> Iterator[Line]:
+def _current(values: Values) -> _Said:
     name = "corrected" if "corrected" in values else "measured"
-    apart = "" if values["difference_m_s"] is None else "{difference_m_s:cm/s}"
     dive = f"dive {values['dive']}" if values["dive"] else "last"
-    form = f"{dive}: profiles {apart} cm/s from the estimate" if apart else ""
     if (one := values.get(name)) is not None:
-        form = f"{dive}: {_velocity(one)}{' corrected' * (name == 'corrected')}"
-        form += ", rejected" * values["rejected"] + f", {apart} from the estimate" * bool(apart)
-    if form:
-        yield Line("Current", sentence(form, values, "current."))
+        about = f"{' corrected' * (name == 'corrected')}{', rejected' * values['rejected']}"
+        form = f"{dive}: {_velocity(one)}{about}[, {{difference_m_s:cm/s}} from the estimate]"
+        yield "Current", form, values, ""
+    elif values["difference_m_s"] is not None:
+        form = f"{dive}: profiles {{difference_m_s:cm/s}} cm/s from the estimate"
+        yield "Current", form, values, ""
 
 
 def _velocity(one: Mapping[str, float]) -> str:
@@ -196,14 +181,14 @@ def _velocity(one: Mapping[str, float]) -> str:
     return f"{100.0 * speed:.1f} cm/s to {round(toward) % 360:03d}°"
 
 
-def _fit(values: Values) -> Iterator[Line]:
+def _fit(values: Values) -> _Said:
     if values["verdict"] is None:
         return
     rms, counts = values["rms_innovation"], values["observations"]
     if rms["before"] is not None and rms["prior"] is not None:
         errors = f"; {values['errors']}" if values["errors"] else ""
         form = f"misfit {{before:cm/s}} cm/s, forecast {{prior:cm/s}}{errors}"
-        yield Line("Trust", sentence(form, rms, "fit.rms_innovation."))
+        yield "Trust", form, rms, "rms_innovation."
     if not (total := counts["used"] + counts["rejected"]):
         return
     form = f"{{used:,}} of {total:,} observations used"
@@ -212,17 +197,21 @@ def _fit(values: Values) -> Iterator[Line]:
         form += f"; {out:,} of {out + counts['profile_bins']:,} bins "
         room = WIDTH - _LABEL - len(str(sentence(form, counts)))
         form += reasons_text(sorted(why, key=lambda name: -why[name]), room)
-    yield Line("Data", sentence(form, counts, "fit.observations."))
+    yield "Data", form, counts, "observations."
 
 
 def reasons_text(reasons: Iterable[str], room: int) -> str:
     """Return the reasons for excluded bins that fit into a width."""
     words = [name.replace("_", " ") for name in reasons]
-    for count in range(len(words), 0, -1):
-        text = ", ".join(words[:count]) + ("" if count == len(words) else ", ...")
-        if len(text) <= room:
-            return text
-    return "excluded"
+    tails = [", ...", ""]
+    texts = (f"{', '.join(words[:n])}{tails[n == len(words)]}" for n in range(len(words), 0, -1))
+    return next((text for text in texts if len(text) <= room), "excluded")
+
+
+_LINES: Mapping[str, Callable[[Values], _Said]] = {
+    **{"command": _steer, "odds": _arrival, "surfacing": _surfacing},
+    **{"goal": _goal, "current": _current, "fit": _fit},
+}
 
 
 class Detail(NamedTuple):
@@ -243,7 +232,7 @@ class Detail(NamedTuple):
 
 def details(status: Status) -> Iterator[Detail]:
     """Yield the details omitted in the summary."""
-    makers = {
+    makers: dict[str, tuple[str, Callable[[Values], Iterable[str]]]] = {
         "position": ("Position", _reckoned),
         "goal": ("Made good", _rates),
         "current": ("Current", _compared),
@@ -260,61 +249,58 @@ def details(status: Status) -> Iterator[Detail]:
 
 
 def _reckoned(values: Values) -> Iterator[str]:
-    error = f" ± {values['error_m']:g} m" if values["error_m"] else ""
-    yield f"fix {_place(values)}{error}"
+    yield str(sentence("fix {place}[ ± {error_m:g} m]", values))
     if at := values.get("dead_reckoned"):
-        yield f"dead reckoned {_place(at)} at {clock(at['time'])} UTC"
+        yield str(sentence("dead reckoned {place} at {time:clock} UTC", at))
 
 
 def _rates(values: Values) -> Iterator[str]:
-    yield f"goal {_place(values)}, {values['depth_m']:g} m"
+    yield str(sentence("goal {place}, {depth_m:g} m", values))
     for one in values["made_good"]:
-        over = hours_text(86_400.0 * one["days"])
         # over a long time the fixes' errors are far below the digit that is shown
-        yield f"{one['km_a_day']:+.1f} ± {max(one['error'], 0.01):.1g} km a day over {over}"
+        form = f"{{km_a_day:+.1f}} ± {max(one['error'], 0.01):.1g} km a day over {{days:days}}"
+        yield str(sentence(form, one))
 
 
 def _compared(values: Values) -> Iterator[str]:
-    off = values["predicted_difference_m_s"]
-    if off is not None:
-        yield f"difference from the estimate expected: {100.0 * off:.1f} cm/s a component"
+    if values["predicted_difference_m_s"] is not None:
+        form = "difference from the estimate expected: {predicted_difference_m_s:cm/s} cm/s a component"
+        yield str(sentence(form, values))
     for name in ("measured", "corrected", "predicted"):
         if one := values.get(name):
-            error = one["standard_error"]
-            yield f"{name} {_velocity(one)}" + (f" ± {100.0 * error:.1f} cm/s" if error else "")
+            error = {"error": one["standard_error"] or None}
+            yield str(sentence(f"{name} {_velocity(one)}[ ± {{error:cm/s}} cm/s]", error))
 
 
 def _expected(values: Values) -> Iterator[str]:
     for one in filter(None, (values.get("next"), values.get("other"))):
-        yield f"{BASIS[one['basis']]}: {clock(one['time'])} UTC{_ellipse_text(one)}"
-        if late := one.get("overdue_s"):
-            yield f"OVERDUE by {hours_text(late)}"
+        ellipse = "; no ellipse without samples of the estimate (planner.samples)"
+        if one["major_m"] is not None:
+            axes = " x ".join(f"{one[f'{name}_m'] / 1e3:.2f}" for name in ("major", "minor"))
+            ellipse = f"; 90 % ellipse {axes} km along {one['bearing_deg']:.0f}°"
+        yield f"{BASIS[one['basis']]}: {clock(one['time'])} UTC{ellipse}"
+        if one.get("overdue_s"):
+            yield str(sentence("OVERDUE by {overdue_s:span}", one))
         elif "margin_s" in one:
-            yield f"overdue {hours_text(one['margin_s'])} after that"
+            yield str(sentence("overdue {margin_s:span} after that", one))
         if "why" in one:
             yield one["why"]
     if one := values.get("last"):
         side = {True: ", inside its ellipse", False: ", outside its ellipse", None: ""}
-        late = f"{hours_text(one['delay_s'])} {'late' if one['delay_s'] >= 0.0 else 'early'}"
-        yield (
-            f"surfaced {one['distance_m'] / 1e3:.1f} km from the plan toward {one['direction_deg']:.0f}°, {late}"
-            + side[one["inside"]]
-        )
-
-
-def _ellipse_text(one: Values) -> str:
-    if one["major_m"] is None:
-        return "; no ellipse without samples of the estimate (planner.samples)"
-    axes = " x ".join(f"{one[f'{name}_m'] / 1e3:.2f}" for name in ("major", "minor"))
-    return f"; 90 % ellipse {axes} km along {one['bearing_deg']:.0f}°"
+        late = f"{'late' if one['delay_s'] >= 0.0 else 'early'}{side[one['inside']]}"
+        form = f"surfaced {{distance_m:far}} km from the plan toward {{direction_deg:.0f}}°, {{delay_s:span}} {late}"
+        yield str(sentence(form, one))
 
 
 def _planned(values: Values) -> Iterator[str]:
     yield f"{values['status']}: {values['message']}"
-    yield from filter(None, [values.get("dives")])
-    if energy := values.get("energy_j"):
-        battery = values["battery_j"]
-        yield f"energy {energy / 1e3:.0f} kJ" + (f" of {battery / 1e3:.0f} kJ" if battery else "")
+    if dives := values.get("dives"):
+        yield dives
+    if values.get("energy_j"):
+        energies = {
+            name: value / 1e3 for name in ("energy_j", "battery_j") if (value := values[name])
+        }
+        yield str(sentence("energy {energy_j:.0f} kJ[ of {battery_j:.0f} kJ]", energies))
 
 
 def _ages(values: Values) -> Iterator[str]:
@@ -326,20 +312,103 @@ def _ages(values: Values) -> Iterator[str]:
     yield f"{values['since']} to {values['last']}; {ends}"
 
 
-def _place(values: Mapping[str, Any]) -> str:
-    return minutes_text(values["longitude"], values["latitude"])
-
-
 def detail_lines(status: Status) -> Iterator[str]:
     """Yield ``details`` as lines for a terminal."""
     for one in details(status):
-        head = f"{one.label:<{_LABEL}}"
-        for text in one.texts:
+        for text, label in zip(one.texts, (one.label, *[""] * len(one.texts)), strict=False):
             yield from textwrap.wrap(
                 printable(text),
                 WIDTH,
-                initial_indent=head,
+                initial_indent=f"{label:<{_LABEL}}",
                 subsequent_indent=" " * _LABEL,
                 break_on_hyphens=False,
             )
-            head = " " * _LABEL
+
+
+# What is focused and unfolded is kept for the next look; nothing is loaded while no one looks.
+_SCRIPT = """
+const parts = () => [...document.querySelectorAll("details")];
+const kept = history.state || {};
+parts().forEach((part) => { part.open = (kept.open || []).includes(part.id); });
+document.getElementById(kept.focus)?.focus({ preventScroll: true });
+scrollTo(0, kept.top || 0);
+setInterval(() => {
+  if (document.hidden) return;
+  const open = parts().filter((part) => part.open).map((part) => part.id);
+  history.replaceState({ open, focus: document.activeElement.id, top: scrollY }, "");
+  location.reload();
+}, 1000 * document.documentElement.dataset.again);
+"""
+
+
+def status_page(status: Status, refresh_s: int = 60) -> str:
+    """Return a status as HTML.
+
+    Args:
+        status: Status.
+        refresh_s: Reload interval of the page [s].
+    """
+    inside = "\n".join(map(_detail_html, details(status)))
+    folded = f'<details id="all"><summary id="unfold">All answers, with their ages</summary>\n{inside}\n</details>'
+    return _filled(title(status), {"": status}, _brief(status) + folded, refresh_s)
+
+
+def several_page(
+    statuses: Mapping[str, Status],
+    outcome: Outcome | None,
+    pages: Mapping[str, str],
+    refresh_s: int = 60,
+) -> str:
+    """Return the status of several vehicles as HTML: alarms, and a line for each linked to its page.
+
+    Args:
+        statuses: Status of each vehicle, at least one.
+        outcome: Outcome of the run; None if unfinished.
+        pages: File names of their pages.
+        refresh_s: Reload interval of the page [s].
+    """
+    verdicts = {} if outcome is None else {row[0]: row[-1] for row in vehicle_rows(outcome)}
+    parts = [
+        f'<h2><a href="{escape(pages[name])}">{escape(name)}</a> {escape(verdicts.get(name, ""))}</h2>{_brief(status)}'
+        for name, status in statuses.items()
+    ]
+    return _filled(", ".join(statuses), statuses, "".join(parts), refresh_s)
+
+
+def _brief(status: Status) -> str:
+    rows = (f"<dt>{escape(one.label)}</dt><dd>{one.said.html}</dd>" for one in lines(status))
+    return f"<dl>{''.join(rows)}</dl>"
+
+
+def _filled(name: str, statuses: Mapping[str, Status], body: str, refresh_s: int) -> str:
+    """Return the page of a body below the alarms of vehicles."""
+    now = escape(time_text(max(status.now_ns for status in statuses.values())))
+    alarms = (
+        f"<li><b>{escape(f'{vehicle}: ' if vehicle else '')}{escape(alarm.kind)}</b> {escape(alarm.text)}</li>"
+        for vehicle, status in statuses.items()
+        for alarm in status.alarms
+    )
+    page = files("replay_kit.show.status").joinpath("status.html").read_text(encoding="utf-8")
+    parts = {
+        "refresh": str(refresh_s),
+        "digest": b64encode(sha256(_SCRIPT.encode()).digest()).decode(),
+        "palette": palette_css(),
+        "script": _SCRIPT,
+        "now": now,
+        "iso": now.replace(" ", "T"),
+        "title": escape(name),
+        "alarms": "".join(alarms),
+        "body": body,
+    }
+    for key, text in parts.items():
+        page = page.replace(f"<!--{key}-->", text)
+    return page
+
+
+def _detail_html(one: Detail) -> str:
+    first, *more = one.texts
+    rest = "".join(f"<p>{escape(text)}</p>" for text in more)
+    return (
+        f'<section id="{one.key}"><h2>{escape(one.label)}<span class="age">{escape(one.since)}</span></h2>'
+        f'<p class="first">{escape(first)}</p>{rest}</section>'
+    )

@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,8 +10,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, rotate_to_geographic
 from replay_kit.core.plan import ORIGIN, share_interval
-from replay_kit.core.words.text import time_text
-from replay_kit.results.innovations import Columns
+from replay_kit.core.words.quantities import parse_time
+from replay_kit.core.words.text import count_text, time_text
 from replay_kit.results.mcap.schemas import attributes
 from replay_kit.results.outcome.verdict import Alarm
 from replay_kit.show.sentences import by_habit, profile_bins
@@ -21,12 +20,18 @@ from replay_kit.show.status.held import Fix, Held, Values
 
 _SECOND, _DAY_NS = 1_000_000_000, 86_400 * 10**9
 _ENDS = ("east", "north")
+_PLACE, _ELLIPSE = (
+    "longitude latitude",
+    "major_m=ellipse_major_m minor_m=ellipse_minor_m bearing_deg=ellipse_bearing_deg",
+)
+_FIGURES = (
+    "duration_s=duration closest_approach_m=closest_approach energy_j=energy battery_j=battery"
+)
 #: A surfacing is overdue by this share of its leg's duration, at least by so many seconds; by all of it after fewer dives than these.
 OVERDUE_SHARE, OVERDUE_LEAST, OVERDUE_FEW = 0.2, 1800.0, 3
 
 
-@dataclass(frozen=True, slots=True)
-class Status:
+class Status(NamedTuple):
     """Figures and alarms of a result.
 
     Attributes:
@@ -69,17 +74,15 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
 def _position(held: Held, now_ns: int) -> Values:
     if not held.fixes:
         return {}
-    fix = held.fixes[-1]
-    values: Values = {
+    fix, at = held.fixes[-1], held.reckoned
+    values = {
         "since": time_text(fix.time_ns),
-        "longitude": fix.longitude,
-        "latitude": fix.latitude,
+        **attributes(fix, _PLACE),
         "error_m": held.fix_error or None,
         "age_s": (now_ns - fix.time_ns) / _SECOND,
     }
-    if (at := held.reckoned) is not None:
-        place = {"longitude": at.longitude, "latitude": at.latitude}
-        values["dead_reckoned"] = {**place, "time": time_text(at.time_ns)}
+    if at is not None:
+        values["dead_reckoned"] = attributes(at, _PLACE) | {"time": time_text(at.time_ns)}
     if held.dive is not None and (number := int(held.dive["dive"][-1])):
         values["dive"] = number
     return values
@@ -90,19 +93,20 @@ def _goal(held: Held, now_ns: int) -> Values:
     goal = held.goal
     if goal is None or not held.fixes:
         return {}
-    last = held.fixes[-1]
-    far = [float(distance(fix.longitude, fix.latitude, *goal[:2])) / 1e3 for fix in held.fixes]
-    rates = []
-    for fix, away in zip(held.fixes[-2::-1], far[-2::-1], strict=True):
-        if days := (last.time_ns - fix.time_ns) / _DAY_NS:
-            error = math.sqrt(2.0) * held.fix_error / 1e3 / days
-            rates.append({"days": days, "km_a_day": (away - far[-1]) / days, "error": error})
-    return {
-        "since": time_text(last.time_ns),
-        **dict(zip(("longitude", "latitude", "depth_m"), goal, strict=True)),
-        "distance_km": far[-1],
-        "made_good": rates,
-    }
+    *before, last = held.fixes
+    *others, far = (float(distance(*_at(fix), *goal[:2])) / 1e3 for fix in held.fixes)
+    error = math.sqrt(2.0) * held.fix_error / 1e3
+    rates = [
+        {"days": days, "km_a_day": (away - far) / days, "error": error / days}
+        for fix, away in zip(before[::-1], others[::-1], strict=True)
+        if (days := (last.time_ns - fix.time_ns) / _DAY_NS)
+    ]
+    place = dict(zip(("longitude", "latitude", "depth_m"), goal, strict=True))
+    return {"since": time_text(last.time_ns), **place, "distance_km": far, "made_good": rates}
+
+
+def _at(fix: Fix) -> tuple[float, float]:
+    return fix.longitude, fix.latitude
 
 
 def _current(held: Held, now_ns: int) -> Values:
@@ -118,39 +122,31 @@ def _current(held: Held, now_ns: int) -> Values:
         for name in ("innovation", "innovation_std")
     )
     difference = math.hypot(*off[:, 0]) if means.size else _rms(off)
-    return {
+    found: Values = {
         "since": time_text(int(dive["timestamp"][row])),
         "dive": int(dive["dive"][row]),
         "rejected": bool(means.size and math.isfinite(difference) and not dive["accepted"][row]),
         "difference_m_s": _finite(difference),
         "predicted_difference_m_s": _finite(_rms(spread)),
-        **(_currents(held, dive, row, off[:, 0]) if means.size else {}),
     }
-
-
-def _currents(held: Held, dive: Columns, row: int, off: Array) -> Values:
-    """Return the currents of a dive towards true east and north [m/s]; the predicted one is ``off`` from the one used."""
-    found = Values()
-    for name in ("measured", "corrected"):
+    for name in ("measured", "corrected") if means.size else ():
         ends = [float(dive[f"mean_current_{name}_{end}"][row]) for end in _ENDS]
         if math.isfinite(ends[0]):
             error = _finite(float(dive[f"mean_current_{name}_standard_error"][row]))
-            found[name] = _true(held, *ends) | {"standard_error": error}
-    used, less = found.get("corrected") or found["measured"], _true(held, *map(float, off))
-    if math.isfinite(less["east"]):
+            found[name] = _true(held, ends) | {"standard_error": error}
+    used = found.get("corrected") or found.get("measured")
+    if used and math.isfinite((less := _true(held, off[:, 0].tolist()))["east"]):
         found["predicted"] = {end: used[end] - less[end] for end in _ENDS}
         found["predicted"]["standard_error"] = None
     return found
 
 
-def _true(held: Held, east: float, north: float) -> dict[str, float]:
+def _true(held: Held, ends: Sequence[float]) -> dict[str, Any]:
     """Return a velocity along local axes as one towards true east and north."""
-    turned = [east, north]
     if held.fixes:
-        at = held.fixes[-1]
-        places = held.projection, at.longitude, at.latitude
-        turned = [float(end) for end in rotate_to_geographic(*places, east, north)]
-    return dict(zip(_ENDS, turned, strict=True))
+        places = held.projection, *_at(held.fixes[-1])
+        ends = [float(end) for end in rotate_to_geographic(*places, *ends)]
+    return dict(zip(_ENDS, ends, strict=True))
 
 
 def _rms(values: Array) -> float:
@@ -161,46 +157,39 @@ def _rms(values: Array) -> float:
 
 def _next_leg(held: Held) -> Mapping[str, Any]:
     """Return the leg of the last plan after the vehicle's last surfacing; empty without one."""
-    if not held.plans:
-        return {}
-    legs = held.plans[-1].legs
-    planned_ns = held.plans[-1].start_time_ns
-    surfaced = sum(one.planned_time.ToNanoseconds() == planned_ns for one in held.outcomes)
-    return legs[surfaced] if surfaced < len(legs) else {}
+    for plan in held.plans[-1:]:
+        planned = [one.planned_time.ToNanoseconds() for one in held.outcomes]
+        return next(iter(plan.legs[planned.count(plan.start_time_ns) :]), {})
+    return {}
 
 
 def _surfacing(held: Held, now_ns: int) -> Values:
     """Return the next surfacing by the plan and by the last dive, the more reliable first, and the last surfacing."""
-    found = held.outcome.predicted_surfacings if held.outcome else None
-    each = [_by_plan(held, now_ns), _as_last_dive((found or {}).get("next"), held.fixes)]
+    found = (held.outcome and held.outcome.predicted_surfacings) or {}
+    each = [_by_plan(held, now_ns), _as_last_dive(found.get("next"), held.fixes)]
     first, other = each[::-1] if not each[0] or by_habit(found) else each
     values: Values = {"since": time_text(held.last_ns)}
     if first:
-        count = ((found or {}).get("record") or {}).get("count", 0)
+        count = (found.get("record") or {}).get("count", 0)
         why = _why_first(first["basis"], bool(other), count, bool(held.plans))
         values |= {"next": first | {"why": why}, "other": other or None}
-    if held.outcomes:
-        one = held.outcomes[-1]
-        values["last"] = {
-            "distance_m": one.distance,
-            "direction_deg": one.direction_deg,
-            "delay_s": one.delay,
-            "inside": bool(one.inside_ellipse) if math.isfinite(one.ellipse_major) else None,
-        }
+    for one in held.outcomes[-1:]:
+        inside = bool(one.inside_ellipse) if math.isfinite(one.ellipse_major) else None
+        about = attributes(one, "distance_m=distance direction_deg delay_s=delay")
+        values["last"] = about | {"inside": inside}
     if found:
-        values["predicted"] = {name: found[name] for name in ("inside_50", "inside_90", "count")}
+        values["predicted"] = attributes(found, "inside_50 inside_90 count")
     return values if len(values) > 1 else {}
 
 
 def _why_first(basis: str, compared: bool, count: int, planned: bool) -> str:
     """Return a short reason for the choice between predicted surfacings."""
     if not compared:
-        if basis == "plan":
-            return "its dives are unknown"
-        return "the plan has no surfacing left" if planned else "no plan is flown"
-    judged = f"{count} surfacing{'s' * (count != 1)}"
+        without = "the plan has no surfacing left" if planned else "no plan is flown"
+        return "its dives are unknown" if basis == "plan" else without
     better = "past dives" if basis == "last_dive" else "plans"
-    return f"{better} predicted {judged} better" if count else "no surfacing was predicted yet"
+    judged = f"{better} predicted {count_text(count, 'surfacing')} better"
+    return judged if count else "no surfacing was predicted yet"
 
 
 def _by_plan(held: Held, now_ns: int) -> Values:
@@ -223,9 +212,7 @@ def _by_plan(held: Held, now_ns: int) -> Values:
         "time": time_text(time_ns),
         "overdue_s": late if late > margin else 0.0,
         "margin_s": margin,
-        "longitude": leg["longitude"],
-        "latitude": leg["latitude"],
-        **{name: leg.get(f"ellipse_{name}") for name in ("major_m", "minor_m", "bearing_deg")},
+        **attributes(leg, f"{_PLACE} {_ELLIPSE}"),
     }
 
 
@@ -233,14 +220,9 @@ def _as_last_dive(following: Mapping[str, Any] | None, fixes: Sequence[Fix]) -> 
     """Return the next surfacing by persistence of the last dive; empty without one, and after a later fix."""
     if not following or any(fix.time_ns > following["time_ns"] for fix in fixes):
         return {}
-    longitude, latitude = following["expected"]
-    return {
-        "basis": "last_dive",
-        "time": time_text(following["time_ns"]),
-        "longitude": longitude,
-        "latitude": latitude,
-        **following["ellipse_90"],
-    }
+    about = {"basis": "last_dive", "time": time_text(following["time_ns"])}
+    place = dict(zip(("longitude", "latitude"), following["expected"], strict=True))
+    return {**about, **place, **following["ellipse_90"]}
 
 
 def _command(held: Held, now_ns: int) -> Values:
@@ -256,12 +238,10 @@ def _command(held: Held, now_ns: int) -> Values:
         "heading_deg": heading,
         "magnetic_heading_deg": flown.magnetic(heading) if flown and heading is not None else None,
         "glide_angle_deg": _finite(leg.get("glide_angle_deg", plan.glide_angle_deg)),
-        "depth_m": leg.get("depth_m"),
         "speed": _finite(plan.speed),
         "message": plan.message,
         "dives": plan.statistics.get(ORIGIN, ""),
-        "longitude": leg.get("longitude"),
-        "latitude": leg.get("latitude"),
+        **attributes(leg, f"depth_m {_PLACE}"),
     }
 
 
@@ -269,24 +249,16 @@ def _odds(held: Held, now_ns: int) -> Values:
     """Return outcome and odds of the last plan; of an attempt that failed since, for which no plan was written, its message."""
     said = None if held.outcome is None else held.outcome.plan
     if said is not None and said["status"] == "failed":
-        about = {name: said[name] for name in ("status", "message")}
-        return {"since": time_text(held.last_ns), **about}
+        return {"since": time_text(held.last_ns), **attributes(said, "status message")}
     if not held.plans:
         return {}
     plan = held.plans[-1]
     begin, odds, statistics = plan.start_time_ns, plan.odds, plan.statistics
-    values: Values = {
-        "since": time_text(begin),
-        "status": plan.status,
-        "message": plan.message,
-    }
+    values = {"since": time_text(begin), **attributes(plan, "status message")}
     if plan.status == "failed":
         return values
     asked = statistics.get("arrive")
-    figures = (
-        "duration_s=duration closest_approach_m=closest_approach energy_j=energy battery_j=battery"
-    )
-    values |= {name: _finite(value) for name, value in attributes(plan, figures).items()}
+    values |= {name: _finite(value) for name, value in attributes(plan, _FIGURES).items()}
     values |= {
         "arrival": _time_after(begin, plan.duration),
         "legs": len(plan.legs),
@@ -297,11 +269,11 @@ def _odds(held: Held, now_ns: int) -> Values:
     if odds is not None:
         # an unsafe plan may meet its goal all the same
         values["meets_goal"] |= plan.status == "unsafe" and plan.closest_approach <= odds.radius
+        times = attributes(odds, "arrival_median arrival_90_percent")
         values |= attributes(odds, "reached safe samples=n_samples") | {
             "arrived": round(odds.reached * odds.n_samples),
             "reached_interval": [*share_interval(odds.reached, odds.n_samples)],
-            "arrival_median": _time_after(begin, odds.arrival_median),
-            "arrival_90_percent": _time_after(begin, odds.arrival_90_percent),
+            **{name: _time_after(begin, seconds) for name, seconds in times.items()},
         }
     return values
 
@@ -312,10 +284,11 @@ def _time_after(begin_ns: int, seconds: float) -> str | None:
 
 
 def _forecast(held: Held, now_ns: int) -> Values:
-    if (times := held.forecast_ns) is None:
+    record = held.metadata.get("replay_kit.forecast", {})
+    if "first" not in record:
         return {}
-    first, last = times
-    evolves = held.metadata["replay_kit.forecast"].get("evolves") == "true"
+    first, last = (parse_time(record[end]) for end in ("first", "last"))
+    evolves = record.get("evolves") == "true"
     return {
         "since": time_text(first),
         "last": time_text(last),
@@ -329,33 +302,18 @@ def _fit(held: Held, now_ns: int) -> Values:
     outcome, since = held.outcome, time_text(held.last_ns)
     if outcome is None or not outcome.complete:
         return {"since": since, "verdict": None}
-    counts = outcome.observations
-    return {
-        "since": since,
-        "verdict": outcome.verdict.word,
-        "reasons": list(outcome.verdict.reasons),
-        "findings": list(outcome.consistency),
-        "basis": list(outcome.basis),
-        "rms_innovation": dict(outcome.rms_innovation),
-        "nis_per_dof": outcome.nis_per_dof,
-        "errors": outcome.errors_text,
-        "observations": {
-            **{name: counts[name] for name in ("used", "rejected", "bins_rejected")},
-            "profile_bins": profile_bins(counts),
-        },
-    }
+    counts = attributes(outcome.observations, "used rejected bins_rejected")
+    named = "verdict=verdict.word reasons=verdict.reasons findings=consistency basis rms_innovation nis_per_dof errors=errors_text"
+    found = attributes(outcome, named)
+    lists = {name: list(found[name]) for name in ("reasons", "findings", "basis")}
+    counts["profile_bins"] = profile_bins(outcome.observations)
+    return {"since": since, **found, **lists, "observations": counts}
 
 
 #: By its key how an answer is made.
 _ANSWERS: Mapping[str, Callable[[Held, int], Values]] = {
-    "position": _position,
-    "goal": _goal,
-    "current": _current,
-    "surfacing": _surfacing,
-    "command": _command,
-    "odds": _odds,
-    "forecast": _forecast,
-    "fit": _fit,
+    **{"position": _position, "goal": _goal, "current": _current, "surfacing": _surfacing},
+    **{"command": _command, "odds": _odds, "forecast": _forecast, "fit": _fit},
 }
 
 

@@ -1,7 +1,6 @@
 """Charts of the page: error against the number of pings, and miss distances of the glides."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -56,7 +55,7 @@ def one_figure(
     marks = []
     for number, mark in enumerate(lines):
         color, symbol, dash = (each[number % len(each)] for each in (_COLORS, _SYMBOLS, _DASHES))
-        marks.append(replace(mark, color=color, symbol=symbol, dash=dash, size=7.0))
+        marks.append(mark._replace(color=color, symbol=symbol, dash=dash, size=7.0))
     words = f"{title}: {axes[1].label} against {axes[0].label}. {' '.join(map(_in_words, lines))}"
     panels = [Panel(title, *axes, marks, level=level)]
     return Figure(key, title, panels, caption, words)

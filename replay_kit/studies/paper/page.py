@@ -6,8 +6,7 @@ from html import escape
 from typing import Any
 
 from replay_kit.show.figures.figure import Axis, Figure
-from replay_kit.show.page.page import Section, page_html
-from replay_kit.show.page.parts import table_html
+from replay_kit.show.page.page import Section, page_html, table_html
 from replay_kit.studies.paper.charts import lines_by, misses_figure, one_figure
 from replay_kit.studies.paper.rows import LABELS, ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables

@@ -13,8 +13,8 @@ from replay_kit.core.words.text import csv_text
 from replay_kit.results.outcome.outcome import Outcome as Replayed
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.show.page.page import Section, items_html, page_html, table_html
+from replay_kit.show.sentences import COLUMNS, vehicle_rows
 from replay_kit.show.text import print_lines, print_table
-from replay_kit.show.vehicles import COLUMNS, vehicle_rows
 from replay_kit.workflows.fleet.run import Outcome
 from replay_kit.workflows.replay.inputs.checks import DryRun
 

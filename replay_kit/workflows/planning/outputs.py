@@ -24,7 +24,7 @@ def texts_of(
     made, odds, projection = planned.plan, planned.odds, planned.on.region.projection
     if geojson is not None:
         # loads the messages of results
-        from replay_kit.results.plans import plan_features
+        from replay_kit.results.geojson import plan_features
 
         # all goals and surfacings in place of the last goal and the surfacings before it
         every = plan_features(as_plan(made, projection, odds), projection)

@@ -20,7 +20,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import LinearMeasurement, VehicleState
 from replay_kit.measurements.surface.residual_field import ResidualField
 from replay_kit.results.mcap.writer import ResultWriter
-from replay_kit.results.slices import Slice
+from replay_kit.results.slices import Slices
 from replay_kit.workflows.replay.steps import Step
 
 # times that say what the covariance is, and vectors that a time has at least to be one
@@ -174,7 +174,7 @@ def _depth(position: VehicleState) -> float:
 
 def surface_step(
     state: SurfaceState, vectors: LinearMeasurement, flow: FlowEstimate
-) -> tuple[SurfaceState, Slice | None]:
+) -> tuple[SurfaceState, Slices | None]:
     """Return the state after vectors of one time, and the surface current on a grid around them; None for too few in water.
 
     Args:
@@ -210,7 +210,8 @@ def surface_step(
         max(depth, float(flow.levels[0])),
         vectors.time_ns,
     )
-    return replace(state, last=(projection, last)), Slice(depth, east, north, fields)
+    shown = Slices(np.array([depth]), east, north, fields[None])
+    return replace(state, last=(projection, last)), shown
 
 
 def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, depth: float) -> Array:

@@ -1,6 +1,5 @@
 """Figures: what they show and say of whole results and of such that lack something; the same bytes from the same result."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -10,14 +9,12 @@ from matplotlib.figure import Figure
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.words.text import time_text
-from replay_kit.results.views.along_track import BinsAlongTrack
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.history import series_at
-from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.results.views.current import CurrentSlices, published_at
 from replay_kit.show.figures.draw import ENDINGS, saved
 from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.figures.map import Chosen
-from replay_kit.show.figures.section import limits_of, quantities_of
+from replay_kit.show.figures.section import QUANTITIES, limits_of
 from tests.results.cases import across_the_antimeridian, without_estimate
 from tests.show.figures.texts import words
 from tests.synthetic_flow import synthetic_flow
@@ -83,7 +80,7 @@ def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
         ("trust", AT_77, "--at: applies to map, series, plan, not to trust"),
         ("series", Chosen(depth=9.0), "--depth: applies to map, plan, not to series"),
         ("plan", Chosen(time_ns=1), "--time: applies to map, not to plan"),
-        ("map", replace(AT_77, depth=9.0), "--depth: --at states a depth already"),
+        ("map", AT_77._replace(depth=9.0), "--depth: --at states a depth already"),
     ],
 )
 def test_what_a_figure_does_not_have_is_refused(contents, kind, chosen, said):
@@ -125,12 +122,14 @@ def test_a_map_of_a_time_has_the_current_published_before_it_and_nothing_later(c
 def test_a_series_is_that_of_its_place_and_not_of_the_cell_about_it(contents, depth, published):
     place = (5.02, 62.01, depth)
     found, there = contents.series(place), contents.estimate.velocity_at(*place)
-    assert (found.depth, found.time_ns.tolist()) == (depth, contents.slices.time_ns.tolist())
+    assert (found["depth"] == depth).all()
+    times = found["time"].to_numpy().astype(np.int64)
+    assert times.tolist() == contents.slices.time_ns.tolist()
     # those of the small result are the same at all times
-    np.testing.assert_allclose(found.u, there.u, rtol=1e-6)
-    np.testing.assert_allclose(found.v, there.v, rtol=1e-6)
-    for error in (found.u_standard_error, found.v_standard_error):
-        assert np.isfinite(error).tolist() == [published] * 3 + [True]
+    np.testing.assert_allclose(found["u"], np.full(4, there.u), rtol=1e-6)
+    np.testing.assert_allclose(found["v"], np.full(4, there.v), rtol=1e-6)
+    for error in ("u_standard_error", "v_standard_error"):
+        assert np.isfinite(found[error]).tolist() == [published] * 3 + [True]
 
 
 def test_what_was_published_is_linear_between_cells_and_towards_true_north():
@@ -141,25 +140,19 @@ def test_what_was_published_is_linear_between_cells_and_towards_true_north():
 
     def at(x, y, depth):
         place = (*(float(value) for value in to_geographic(projection, x, y)), depth)
-        return place, series_at(slices, projection, place)
+        return place, *published_at(slices, projection, place)
 
-    place, series = at(1_400.0, -600.0, 56.0)
+    place, level, series = at(1_400.0, -600.0, 56.0)
+    assert level == 100.0
     # which grow by one to the east and by three to the north
     cell = fields[1, :, :, 0, 0].T + 1.4 + 3.0 * 0.4
     true = rotate_to_geographic(projection, *place[:2], *cell[:2])
-    errors = series.u_standard_error, series.v_standard_error
-    np.testing.assert_allclose([series.u, series.v, *errors], [*true, *cell[2:]])
+    np.testing.assert_allclose(series.T, [*true, *cell[2:]])
     for x, y, inside in ((2_490, 0, True), (2_510, 0, False), (0, 490, True), (0, 510, False)):
-        assert np.isfinite(at(x, y, 10.0)[1].u).all() == inside
+        assert np.isfinite(at(x, y, 10.0)[2]).all() == inside
 
 
-def test_a_section_shows_the_estimate_before_smoothing_where_there_is_one():
-    each = np.random.default_rng(0).normal(size=(4, 6, 2))
-    bins = BinsAlongTrack(*[np.arange(6)] * 3, *each, profiles=6, left_out=0)
-    names, values = quantities_of(bins)
-    estimated, residual, replayed, error = each
-    measured = estimated + residual
-    expected = measured, replayed, estimated, measured - replayed, residual, error
-    np.testing.assert_allclose(values, expected, rtol=1e-12)
+def test_colours_of_a_section_are_common_to_velocities_and_to_differences():
     sizes = [np.full((2, 3), value) for value in (0.1, 0.3, np.nan, 0.02, 0.04, 0.005)]
-    assert limits_of(names, np.stack(sizes)) == [0.3, 0.3, 0.3, 0.04, 0.04, 0.005]
+    kinds = [kind for *_, kind in QUANTITIES]
+    assert limits_of(kinds, np.stack(sizes)) == [0.3, 0.3, 0.3, 0.04, 0.04, 0.005]

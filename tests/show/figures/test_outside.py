@@ -8,7 +8,7 @@ import pytest
 
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.slices import on_grid, published_slices, slices_of
+from replay_kit.results.views.current import on_grid, published_slices, slices_of
 from replay_kit.show.figures.kinds import drawn
 from replay_kit.show.report.pages import report_html
 from tests.results.cases import turned, write

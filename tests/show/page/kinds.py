@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from replay_kit.show.report.pages import report_html
-from replay_kit.show.status.page import status_page
+from replay_kit.show.status.lines import status_page
 from replay_kit.show.status.status import status_of
 from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome

@@ -12,7 +12,7 @@ from replay_kit.core.region import feature
 from replay_kit.results import ResultWriter
 from replay_kit.results.geojson import features_of
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.export.export import export
+from replay_kit.show.export import export
 from replay_kit.show.figures.kinds import drawn
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
@@ -137,5 +137,5 @@ def test_geojson_kml_and_the_channel_hold_areas_and_ellipses(contents, tmp_path)
 def test_areas_of_earlier_results_are_known_by_their_kind(full, tmp_path, monkeypatch):
     ring = [*map(list, CORNERS), [*CORNERS[0]]]
     one = feature("Polygon", [ring], {"name": "lane", "kind": "no_go", "surface_only": True})
-    monkeypatch.setattr("replay_kit.results.mcap.messages.plan_features", lambda *_: [one])
+    monkeypatch.setattr("replay_kit.results.mcap.writer.plan_features", lambda *_: [one])
     assert written(tmp_path / "out.mcap", full).last_plan.areas == AREAS[1:]

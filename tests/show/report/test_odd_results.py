@@ -47,7 +47,11 @@ def test_one_ping_without_an_estimate(write, state, innovation):
     )
     found, words = figures(page), text_of(page, "answer")
     assert list(found) == ["current-map", "profiles", "innovations"]
-    for said in ("without dives", "Observations used: unknown.", "--no-estimate"):
+    for said in (
+        "without dives",
+        "Observations used: unknown.",
+        "Replay the log again, to its end",
+    ):
         assert said in words
 
 

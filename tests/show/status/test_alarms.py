@@ -13,8 +13,7 @@ from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.outcome.parts import plan_part
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
-from replay_kit.show.report.sections.answer import found_warnings, next_steps
-from replay_kit.show.report.sections.trust import lights
+from replay_kit.show.report.answer import found_warnings, lights, next_steps
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import lines
 from replay_kit.show.status.status import status_of

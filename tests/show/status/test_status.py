@@ -17,8 +17,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.show.status.held import Fix, read_held
-from replay_kit.show.status.lines import WIDTH, detail_lines, lines, title
-from replay_kit.show.status.page import status_page
+from replay_kit.show.status.lines import WIDTH, detail_lines, lines, status_page, title
 from replay_kit.show.status.status import status_of
 from tests.cli.test_cli_settings import loaded
 from tests.command import invoke
@@ -88,7 +87,7 @@ def test_positions_held_are_the_first_the_last_one_a_day_before_and_where_it_was
     day_before = [fix for fix in measured if measured[-1].time_ns - fix.time_ns >= 24 * HOUR_NS]
     reckoned = said[-1] if said[-1].reckoned and said[-1].time_ns > measured[-1].time_ns else None
     assert positions(said) == ([measured[0], *day_before[-1:], measured[-1]], reckoned)
-    alone = [replace(fix, reckoned=True) for fix in said]
+    alone = [fix._replace(reckoned=True) for fix in said]
     assert positions(alone) == ([], alone[-1])
 
 

@@ -163,7 +163,7 @@ def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_pa
 def test_an_alarm_is_given_once_for_what_it_is_about_and_again_when_it_comes_back():
     alarm = Alarm("plan", "the plan is unsafe: it crosses land", "2018-11-16 00:00:00Z", "unsafe")
     status = Status("r.mcap", NOW_NS, (alarm,), {"result": "r.mcap", "position": {"latitude": 1.0}})
-    calm = replace(status, alarms=())
+    calm = status._replace(alarms=())
     key, other = key_of(alarm), "surfacing overdue: 1"
     assert (new_alarms(status, ()), new_alarms(status, (key,))) == ((alarm,), ())
     assert (standing({"": status}, (key,)), standing({"": calm}, (key, other))) == (

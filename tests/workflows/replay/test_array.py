@@ -184,7 +184,7 @@ def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
 
 def test_a_result_of_several_with_one_goal_is_planned_as_flown(result, monkeypatch):
     file = inputs.read_flow(result.path)
-    without = {name: replace(file.held[name], plans=(), metadata={}) for name in ("sg1", "sg3")}
+    without = {name: file.held[name]._replace(plans=(), metadata={}) for name in ("sg1", "sg3")}
     monkeypatch.setattr(inputs, "read_flow", lambda _: replace(file, held=file.held | without))
     made = json.loads(succeed(f"plan {result.path} --samples 0 --json -").stdout)
     assert "; as flown: " in made["message"]

@@ -20,7 +20,7 @@ from replay_kit.measurements.means import TOO_FAST
 from replay_kit.measurements.track.reach import THROWN
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result
-from replay_kit.show.report.sections.answer import found_warnings
+from replay_kit.show.report.answer import found_warnings
 from replay_kit.studies.twins.make import Twin
 from replay_kit.workflows.replay.consistency import MonitoringState, conclusions
 from replay_kit.workflows.replay.replay import replay

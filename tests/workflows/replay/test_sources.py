@@ -9,7 +9,7 @@ from replay_kit.config.run import load_config
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results import ResultReader
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.export.export import export
+from replay_kit.show.export import export
 from replay_kit.show.sentences import estimate_sentences
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.replay import replay

@@ -18,7 +18,7 @@ from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.forecast.remote.kept import attributes_of, record_of
 from replay_kit.logs.reader import LogFile
 from replay_kit.results.losses import iso_time
-from replay_kit.results.vehicles import VEHICLES_RECORD, VehicleRecord, vehicle_records
+from replay_kit.results.reader import VEHICLES_RECORD, VehicleRecord, vehicle_records
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import REGION_RECORD

@@ -10,7 +10,7 @@ from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.region import Region, bounds_of, inside
 from replay_kit.core.words.text import some_text, time_text
 from replay_kit.logs.opening import in_folder, logs_in
-from replay_kit.results.vehicles import RESERVED
+from replay_kit.results.reader import RESERVED
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import input_hash

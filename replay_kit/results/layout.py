@@ -5,7 +5,7 @@ topics only those of the result are kept; one that ends in ``/`` stands for thos
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from importlib.resources import files
 from pathlib import Path
@@ -28,7 +28,10 @@ def write_layout(result: Path, out: Path) -> int:
         ConfigError: The layout cannot be written.
     """
     topics = [*ResultReader(result).topics]
-    require_topics(topics, str(result))
+    if not any(topic.startswith(("/flow/", "/plan/")) for topic in topics):
+        raise LogError(
+            f"{result}: expected a result of replay-kit replay, it has no topic /flow/ or /plan/; give a result"
+        )
     layout = layout_of(topics)
     write_whole(out, layout_text(layout))
     return len(layout["configById"])
@@ -37,7 +40,7 @@ def write_layout(result: Path, out: Path) -> int:
 def layout_of(topics: Iterable[str]) -> dict[str, Any]:
     """Return the layout of a result with the given topics."""
     has = frozenset(topics)
-    text = files("replay_kit.results.layout").joinpath("panels.json").read_text(encoding="utf-8")
+    text = files("replay_kit.results").joinpath("panels.json").read_text(encoding="utf-8")
     layout: dict[str, Any] = _of_topics(json.loads(text), has)
     panels, below = layout["configById"], layout["layout"]["second"]
     for axis, end in (("u", "east"), ("v", "north")):
@@ -74,11 +77,3 @@ def _of_topics(value: Any, has: frozenset[str]) -> Any:
 def layout_text(layout: Mapping[str, Any]) -> str:
     """Return a layout as the text of its file."""
     return json.dumps(layout, indent=1, allow_nan=False) + "\n"
-
-
-def require_topics(topics: Sequence[str], name: str) -> None:
-    """Raise LogError if a file has no topic of a result."""
-    if not any(topic.startswith(("/flow/", "/plan/")) for topic in topics):
-        raise LogError(
-            f"{name}: expected a result of replay-kit replay, it has no topic /flow/ or /plan/; give a result"
-        )

@@ -1,33 +1,23 @@
-"""Report section in words: observations, findings, exclusions, warnings and next steps."""
+"""Report sections in words, on observations, findings, exclusions and next steps, and on consistency with its warnings."""
 
 from collections.abc import Iterator
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import severity_word
 from replay_kit.core.words.text import count_text, time_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import doubtful_errors
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.numbers import Sentence, number, sentence
-from replay_kit.show.page.page import Section
-from replay_kit.show.page.parts import items_html
-from replay_kit.show.sentences import estimate_sentences, flown_sentences
+from replay_kit.show.figures.figure import Figure
+from replay_kit.show.figures.trust import trust_figures
+from replay_kit.show.numbers import Sentence, Shown, number, sentence
+from replay_kit.show.page.page import Section, items_html, table_html
+from replay_kit.show.sentences import estimate_sentences, flown_sentences, trust_sentences
 
 _KINDS = {"stop": "Stop", "care": "Care", "note": "Note"}
-
-
-def warnings_html(contents: Contents) -> str:
-    """Return the alarms, warnings and notes as HTML, in this order."""
-    rows = [
-        f'<li class="{kind}"><b>{_KINDS[kind]}</b> {text}</li>'
-        for wanted in _KINDS
-        for kind, text in found_warnings(contents)
-        if kind == wanted
-    ]
-    return f'<ul class="warnings">{"".join(rows)}</ul>' if rows else "<p>No problems detected.</p>"
 
 
 def found_warnings(contents: Contents) -> list[tuple[str, str]]:
@@ -82,16 +72,9 @@ def next_steps(contents: Contents) -> list[str]:
             "Recover the log from the vehicle again if possible: the losses are listed above."
         )
     if contents.estimate is None and contents.measured.count:
-        out.append(
-            "Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty."
-        )
-    return out or [_advice(outcome)]
-
-
-def _advice(outcome: Outcome) -> str:
-    """Return the next step for a complete result."""
+        out.append("Replay the log again, to its end, for the current and its uncertainty.")
     reasons = "; ".join(map(escape, outcome.verdict.reasons))
-    return f"Check before use: {reasons}." if reasons else "No action needed."
+    return out or [f"Check before use: {reasons}." if reasons else "No action needed."]
 
 
 def _sentence(text: str) -> str:
@@ -129,9 +112,13 @@ def words_section(contents: Contents) -> Section:
     """Return the report section in words."""
     outcome = contents.outcome
     used = estimate_sentences(outcome) if outcome.complete else ()
+    lacks = (
+        "The result holds only a plan." if len(contents.result.plans) else "Nothing was estimated."
+    )
+    found = [] if contents.slices is not None else [Sentence([lacks])]
     parts = {
         "What was measured": [Sentence([_measured(contents)]), *used],
-        "What was found": [*_lacking(contents), *flown_sentences(outcome)],
+        "What was found": [*found, *flown_sentences(outcome)],
         "What was not used, and why": [*_not_used(contents)],
     }
     lists = (
@@ -172,20 +159,10 @@ def _measured(contents: Contents) -> str:
         parts.append(f"{track.distance[-1] / 1e3:.1f} km travelled")
     for what, depth in (("positions", track.depth), ("bins used", contents.bins.depth)):
         if np.isfinite(depth).any():
-            parts.append(f"{what} at {_depths(depth)}")
+            # whole numbers have no negative zero
+            least, most = round(float(np.nanmin(depth))), round(float(np.nanmax(depth)))
+            parts.append(f"{what} at {least} to {most} m")
     return "; ".join(parts)
-
-
-def _depths(depth: Array) -> str:
-    # whole numbers have no negative zero
-    return f"{round(float(np.nanmin(depth)))} to {round(float(np.nanmax(depth)))} m"
-
-
-def _lacking(contents: Contents) -> Iterator[Sentence]:
-    """Yield the sentence on a result without a current."""
-    if contents.slices is None:
-        plans = len(contents.result.plans)
-        yield Sentence(["The result holds only a plan." if plans else "Nothing was estimated."])
 
 
 def _not_used(contents: Contents) -> Iterator[Sentence]:
@@ -203,3 +180,120 @@ def _not_used(contents: Contents) -> Iterator[Sentence]:
             )
             template = f"{{topic}}: {{skipped}} of {{read}} messages; {why}"
             yield sentence(template, row, f"messages.{k}.")
+
+
+_ITSELF = {
+    "good": "log fits itself",
+    "care": "log raises doubts",
+    "stop": "log contradicts itself",
+}
+
+
+class Light(NamedTuple):
+    """Status light of a consistency test.
+
+    Attributes:
+        name: Outcome in a few words.
+        color: ``good``, ``care``, ``stop``, or ``none`` if untested.
+        text: Reason.
+        figures: Keys of the supporting figures.
+    """
+
+    name: str
+    color: str
+    text: Sentence
+    figures: tuple[str, ...]
+
+
+def lights(contents: Contents) -> tuple[Light, Light, Light]:
+    """Return the lights for consistency of the log, misfit of the forecast, and calibration of errors."""
+    outcome = contents.outcome
+    clashes = [one for one in outcome.consistency if one["severity"] != "misfit"]
+    words = {severity_word(one["severity"]) for one in clashes}
+    worst = "stop" if "contradiction" in words else "care" if clashes else "good"
+    said = "; ".join(f"{one['name']}: {one['evidence']}" for one in clashes)
+    itself = Light(
+        _ITSELF[worst],
+        worst if outcome.complete else "none",
+        Sentence([said or "No contradiction was found in the log."]),
+        ("innovations",),
+    )
+    return itself, _against_forecast(outcome), _errors_hold(outcome)
+
+
+def _against_forecast(outcome: Outcome) -> Light:
+    misfits = [one["evidence"] for one in outcome.consistency if one["severity"] == "misfit"]
+    rms, outside = outcome.rms_innovation, "; ".join([*outcome.outside, *misfits])
+    before, prior = rms["before"], rms["prior"]
+    if before is None or not prior:
+        why = Sentence(["No measurement was compared with the forecast."])
+        return Light("forecast not compared", "none", why, ())
+    forms = "RMS misfit of the forecast {prior:cm/s}, of the estimate {before:cm/s} cm/s"
+    gain = sentence(forms, rms, "rms_innovation.").parts
+    fits = before <= prior and not outside
+    return Light(
+        "fits forecast" if fits else "misfits forecast",
+        "good" if fits else "care",
+        Sentence([*gain, f"; {outside}." if outside else "."]),
+        ("dives", "error"),
+    )
+
+
+def _errors_hold(outcome: Outcome) -> Light:
+    nis = outcome.nis_per_dof
+    if nis is None:
+        return Light(
+            "errors not tested",
+            "none",
+            Sentence(["No measurement tested the standard errors."]),
+            (),
+        )
+    said, shown, hold = outcome.errors_text, f"{nis:.2f}", not doubtful_errors(outcome)
+    before, after = f"{said[:1].upper()}{said[1:]} (NIS/dof ", ", 1 expected)."
+    return Light(
+        "errors hold" if hold else "errors do not hold",
+        "good" if hold else "care",
+        Sentence([before, Shown("nis_per_dof", nis, shown), after]),
+        ("calibration",),
+    )
+
+
+def trust_section(contents: Contents) -> Section:
+    """Return the section on innovations, calibration, error over time and gate decisions."""
+    outcome, figures, parts = contents.outcome, dict[str, Figure](), {}
+    missing = ["The result holds no measurement to compare the estimate with."]
+    warnings = [
+        f'<li class="{kind}"><b>{_KINDS[kind]}</b> {text}</li>'
+        for kind, text in sorted(found_warnings(contents), key=lambda one: [*_KINDS].index(one[0]))
+    ]
+    html = "<p>No problems detected.</p>"
+    if warnings:
+        html = f'<ul class="warnings">{"".join(warnings)}</ul>'
+    if contents.measured.count:
+        figures, missing = trust_figures(contents)
+        told = [each.html for each in trust_sentences(outcome)]
+        html += _gate_html(contents) + (items_html(told) if told else "")
+        for light in lights(contents):
+            head = (
+                f'<span class="light {light.color}">{escape(light.name)}</span> {light.text.html}'
+            )
+            parts[head] = [key for key in light.figures if key in figures]
+    placed = [figures[key] for keys in parts.values() for key in keys]
+    answer = "No verdict: the run did not finish, or an earlier version made the result."
+    if outcome.complete:
+        answer = f"{escape(str(outcome.verdict).capitalize())}."
+    title = "How far can it be trusted?"
+    return Section("trust", title, html, placed, missing, "Trust", answer, parts=parts)
+
+
+def _gate_html(contents: Contents) -> str:
+    sums = contents.measured.sums
+    rows = [
+        [escape(name), f"{count:,}"]
+        for name, count in sums.groupby("decision")["measurements"].sum().items()
+    ]
+    notes = [note for note in contents.outcome.notes if "bias" in note]
+    biases = "".join(f"<p>{escape(note)}.</p>" for note in notes)
+    return (
+        table_html(["decision of the gate", "measurements"], rows, "Decisions of the gate") + biases
+    )

@@ -11,7 +11,7 @@ import xarray as xr
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
-from replay_kit.show.export.export import export
+from replay_kit.show.export import export
 from tests.core.flow.test_cf import PERSONAL, complaints, found_by
 from tests.results.cases import placed, write
 from tests.synthetic_flow import TIME_NS, synthetic_flow
@@ -65,7 +65,7 @@ def test_netcdf_holds_every_table_and_is_compliant(contents, tmp_path, complaint
     with xr.open_dataset(tmp_path / "x.nc") as found:
         assert dict(found.sizes) == ROWS
         expected = contents.series(PLACES[1])
-        np.testing.assert_array_equal(found["series_u"][3:], expected.u)
+        np.testing.assert_array_equal(found["series_u"][3:], expected["u"])
         error = found["series_v_standard_error"][3:]
         np.testing.assert_array_equal(error, expected.v_standard_error)
         for name, key, value in (
@@ -115,7 +115,7 @@ def test_geojson_and_kml_hold_track_places_and_plan_in_the_same_colours(contents
     line = [[5.0, 62.0], [5.01, 62.002], [5.02, 62.004]]
     assert found[0]["geometry"] == {"type": "LineString", "coordinates": line}
     about = found[-1]["properties"]
-    assert (about["v_m_s"], about["depth_m"]) == (contents.series(PLACES[1]).v[-1], 130.0)
+    assert (about["v_m_s"], about["depth_m"]) == (contents.series(PLACES[1])["v"].iloc[-1], 130.0)
     track = next(root.iter(f"{GX}Track"))
     assert texts(track, f"{GX}coord") == [f"{x:.7f} {y:.7f} 0" for x, y in line]
     # a time for each place of the track, the same as in GeoJSON; one for each point

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.plan import Plan
-from replay_kit.results.plans import thinned
+from replay_kit.results.innovations import thinned
+from replay_kit.results.mcap.schemas import attributes
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.figures.plan import profile_figure, surfacing_figure
+from replay_kit.show.figures.section import profile_figure, surfacing_figure
 from replay_kit.show.numbers import sentence
-from replay_kit.show.page.page import Section
-from replay_kit.show.page.parts import table_html
+from replay_kit.show.page.page import Section, table_html
 from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_sentence
 
 _STATUS = {
@@ -58,64 +58,65 @@ _PLANS, _TITLE = 30, "How does the plan turn out?"
 
 def plan_section(contents: Contents) -> Section:
     """Return the section on the last plan, earlier plans, and predicted surfacings."""
-    plan = contents.last_plan
+    plan, found = contents.last_plan, contents.outcome.surfacings
     if plan is None:
         note = (contents.outcome.plan or {}).get("message", "")
-        why = (
-            f"No plan was found: {note}"
-            if note
-            else "The result holds no plan: no goal was given, or none was due"
-        )
-        return Section(
-            "plan",
-            _TITLE,
-            missing=[f"{why}; replay-kit plan makes one on this estimate."],
-            menu="Plan",
-            answer="There is none.",
-        )
+        lacks = "The result holds no plan: no goal was given, or none was due"
+        why = f"{f'No plan was found: {note}' if note else lacks}; replay-kit plan makes one on this estimate."
+        return Section("plan", _TITLE, missing=[why], menu="Plan", answer="There is none.")
     figures = [profile_figure(contents, plan)] if len(plan.track) else []
-    found = contents.outcome.surfacings
     if len(contents.result.surfacings):
         figures.append(surfacing_figure(contents))
-    html = (
-        last_plan_html(contents, plan)
-        + _departures_html(contents)
-        + _legs_html(plan)
-        + _plans_html(contents)
-        + ("" if found is None else f"<p>{outcomes_sentence(found).html}.</p>")
-    )
+    at = "plan.statistics.leg_{:03d}#".format
+    departures = [*map(json.loads, contents.metadata.get("departures", {}).values())]
+    for row in departures:
+        row["arrives"] = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
+        row["best"] = ", ".join(row["best"])
+    rows = [_row(_DEPARTURE, row) for row in departures]
+    legs = [_row(_LEG, leg, at(leg["leg"])) for leg in plan.legs]
+    html = [
+        last_plan_html(contents, plan),
+        table_html([*_DEPARTURE], rows, "Departures compared") if rows else "",
+        table_html([*_LEG], legs, "Legs of the last plan") if legs else "",
+        _plans_html(contents),
+        "" if found is None else f"<p>{outcomes_sentence(found).html}.</p>",
+    ]
     answer = f"{escape(plan.status.capitalize())}: {_STATUS.get(plan.status, '')}."
-    return Section("plan", _TITLE, html, figures, menu="Plan", answer=answer)
+    return Section("plan", _TITLE, "".join(html), figures, menu="Plan", answer=answer)
 
 
-# Columns of tables, by their headings, as templates of a row.
-_LEG = {
-    "leg": "{leg}",
-    "heading [° true]": "{heading_deg:.0f}",
-    "glide angle [°]": "{glide_angle_deg:.1f}",
-    "depth [m]": "{depth_m:.0f}",
-    "surfaces after [h]": "{surfacing_s:hours}",
-    "longitude": "{longitude:.4f}",
-    "latitude": "{latitude:.4f}",
-}
-_DEPARTURE = {
-    "departure (UTC)": "{departure}",
-    "status": "{status}",
-    "arrival (UTC)": "{arrives}",
-    "duration [h]": "{duration_s:hours}",
-    "energy": "{energy_j:kJ}",
-    "odds of arriving": "{reached:share}",
-    "": "{best}",
-}
-_PLAN = {
-    "begins (UTC)": "{begins}",
-    "status": "{status}",
-    "heading [° true]": "{heading_deg:.0f}",
-    "glide angle [°]": "{glide_angle_deg:.1f}",
-    "duration [h]": "{duration_s:hours}",
-    "misses the goal by [m]": "{closest_approach_m:,.0f}",
-    "message": "{message}",
-}
+def _columns(table: str) -> dict[str, str]:
+    """Return the columns of a table by their headings, as templates of a row."""
+    return dict(line.split(": ", 1) for line in table.strip().splitlines())
+
+
+_LEG = _columns("""
+leg: {leg}
+heading [° true]: {heading_deg:.0f}
+glide angle [°]: {glide_angle_deg:.1f}
+depth [m]: {depth_m:.0f}
+surfaces after [h]: {surfacing_s:hours}
+longitude: {longitude:.4f}
+latitude: {latitude:.4f}
+""")
+_DEPARTURE = _columns("""
+departure (UTC): {departure}
+status: {status}
+arrival (UTC): {arrives}
+duration [h]: {duration_s:hours}
+energy: {energy_j:kJ}
+odds of arriving: {reached:share}
+: {best}
+""")
+_PLAN = _columns("""
+begins (UTC): {begins}
+status: {status}
+heading [° true]: {heading_deg:.0f}
+glide angle [°]: {glide_angle_deg:.1f}
+duration [h]: {duration_s:hours}
+misses the goal by [m]: {closest_approach_m:,.0f}
+message: {message}
+""")
 
 
 def _row(columns: Mapping[str, str], record: Mapping[str, Any], at: str = "") -> list[str]:
@@ -124,40 +125,19 @@ def _row(columns: Mapping[str, str], record: Mapping[str, Any], at: str = "") ->
     return [one.html if at else escape(str(one)) for one in each]
 
 
-def _legs_html(plan: Plan) -> str:
-    """Return the legs of a plan as an HTML table."""
-    at = "plan.statistics.leg_{:03d}#".format
-    rows = [_row(_LEG, leg, at(leg["leg"])) for leg in plan.legs]
-    return table_html([*_LEG], rows, "Legs of the last plan") if rows else ""
-
-
-def _departures_html(contents: Contents) -> str:
-    """Return the compared departures as an HTML table; empty for a single one."""
-    rows = []
-    for row in map(json.loads, contents.metadata.get("departures", {}).values()):
-        arrives = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
-        record = {**row, "arrives": arrives, "best": ", ".join(row["best"])}
-        rows.append(_row(_DEPARTURE, record))
-    return table_html([*_DEPARTURE], rows, "Departures compared") if rows else ""
-
-
 def _plans_html(contents: Contents) -> str:
     """Return all plans as an HTML table; the numbers of the last one are those of the outcome."""
-    plans = contents.result.plans
-    kept, rows = thinned(len(plans), _PLANS), []
+    plans, rows = contents.result.plans, []
+    kept = thinned(len(plans), _PLANS)
+    named = "heading_deg glide_angle_deg duration_s=duration closest_approach_m=closest_approach"
     for count in kept.tolist():
         plan = plans.iloc[count]
-        numbers = {
-            "heading_deg": plan["heading_deg"],
-            "glide_angle_deg": plan["glide_angle_deg"],
-            "duration_s": plan["duration"],
-            "closest_approach_m": plan["closest_approach"],
-        }
-        steers = plan["status"] != "failed"
         record = {
-            name: float(value) if np.isfinite(value) and (steers or "deg" not in name) else None
-            for name, value in numbers.items()
+            name: float(value) if np.isfinite(value) else None
+            for name, value in attributes(plan, named).items()
         }
+        if plan["status"] == "failed":
+            record |= dict.fromkeys(("heading_deg", "glide_angle_deg"))
         about = {"begins": str(plan.name)[:16], **plan[["status", "message"]]}
         rows.append(_row(_PLAN, record | about, "plan." * (count == len(plans) - 1)))
     thin = f"; {len(kept)} of {len(plans)}" if len(kept) < len(plans) else ""

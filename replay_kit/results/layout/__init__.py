@@ -1,1 +1,0 @@
-"""Layout files of viewers, with all panels of a result."""

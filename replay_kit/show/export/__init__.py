@@ -1,1 +1,0 @@
-"""Export of results to NetCDF, CSV, KML and GeoJSON."""

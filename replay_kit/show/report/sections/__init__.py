@@ -1,1 +1,0 @@
-"""Sections of a report, each a pure function of the opened result."""
