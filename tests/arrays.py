@@ -7,9 +7,9 @@ import numpy as np
 
 from replay_kit.core.grid import Ensemble
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins.adcp import measured_on
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import Schedule, missions
-from replay_kit.studies.twins.messages import measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
 from tests.faulty import SOUND, Faults, messages_of
 

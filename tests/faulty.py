@@ -12,10 +12,10 @@ from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Reference
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins.adcp import Flight, measured_on
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import Schedule, mission
 from replay_kit.studies.twins.make import Twin
-from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Pings
 
 # draws of their own, so that a fault does not change what the instrument's noise draws

@@ -41,9 +41,9 @@ from replay_kit.measurements.checks.profile import EnsembleSpeeds, ensemble_spee
 from replay_kit.measurements.checks.sensors import CLOCK, DEPTHS
 from replay_kit.measurements.observed import blocks
 from replay_kit.measurements.observed import rows as events_of
+from replay_kit.studies.twins.adcp import Flight, measured_on
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission
-from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, survey
 from replay_kit.workflows.replay.consistency import MonitoringState, check_file, conclusions
 from replay_kit.workflows.replay.steps import Counts

@@ -11,8 +11,8 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.grid import Ensemble
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins.adcp import measured_on
 from replay_kit.studies.twins.field import Field, build_field
-from replay_kit.studies.twins.messages import measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Mission, Pings, log_position
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay

@@ -11,9 +11,9 @@ import replay_kit as rk
 from replay_kit.config.run import RunConfig
 from replay_kit.forecast import read_truth
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins.adcp import measured_on
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.make import Twin, make_twin
-from replay_kit.studies.twins.messages import measured_on
 from tests.benchmarks.longlogs import survey
 from tests.benchmarks.scene import NOISE
 from tests.command import invoke, succeed

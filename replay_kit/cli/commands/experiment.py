@@ -100,8 +100,8 @@ def paper(
 
     from replay_kit.core.files.atomic import write_whole
     from replay_kit.studies.paper.page import FILES, PAGE, files_of, text_tables, to_json
+    from replay_kit.studies.paper.rows import print_tables
     from replay_kit.studies.paper.run import PaperJob, run_paper
-    from replay_kit.studies.paper.text import print_tables
     from replay_kit.workflows.fleet.cluster import calls_made_by
 
     existing = [outputs.out / name for name in FILES if (outputs.out / name).exists()]

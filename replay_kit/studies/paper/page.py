@@ -1,18 +1,23 @@
 """The paper's study on the console, as CSV, JSON and Markdown, and as a page with charts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from html import escape
 from typing import Any
 
-from replay_kit.show.figures.figure import Axis, Figure
+import numpy as np
+
+from replay_kit.core.words.colors import LINES
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.page.page import Section, page_html, table_html
-from replay_kit.studies.paper.charts import lines_by, misses_figure, one_figure
-from replay_kit.studies.paper.rows import LABELS, ErrorRow, GlideRow, SparseRow
-from replay_kit.studies.paper.run import PaperTables
-from replay_kit.studies.paper.text import (
+from replay_kit.studies.paper.rows import (
+    LABELS,
+    ErrorRow,
+    GlideRow,
+    SparseRow,
     Table,
     answer_of,
+    grouped,
     json_text,
     markdown,
     named_columns,
@@ -20,8 +25,24 @@ from replay_kit.studies.paper.text import (
     rows_to_csv,
     to_text,
 )
+from replay_kit.studies.paper.run import PaperTables
 
 PAGE = "index.html"
+_COLORS = (*LINES[:3], "ink", *LINES[3:], "#8C8C8C")
+_SYMBOLS = (
+    "circle",
+    "square",
+    "diamond",
+    "triangle-up",
+    "x",
+    "star",
+    "triangle-down",
+    "cross",
+    "pentagon",
+)
+_DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
+# Shorter miss distances [m] are drawn at this one.
+_LEAST_MISS = 1.0
 _RUNGS = {"full": "full rank", "members": "one a member"}
 
 
@@ -62,14 +83,13 @@ def text_tables(tables: PaperTables) -> tuple[Table, ...]:
     noisy = f"Table II: {pings} random pings of 22 bins, noise {tables.noise:g} m/s{over}"
     glides = f"Table III: closest approach to a target at {tables.target_depth:g} m, planned on each flow, flown in the truth"
     return (
-        named_columns("table1", ideal, _error_cells(tables.table1, several)),
-        named_columns("table2", noisy, _error_cells(tables.table2, several)),
+        named_columns(ideal, _error_cells(tables.table1, several)),
+        named_columns(noisy, _error_cells(tables.table2, several)),
         named_columns(
-            "sparse",
             f"Relative error on the way through the pings of Table II{over}",
             _sparse_cells(tables.sparse),
         ),
-        named_columns("table3", glides, [_glide_cells(row) for row in tables.table3]),
+        named_columns(glides, [_glide_cells(row) for row in tables.table3]),
     )
 
 
@@ -131,11 +151,7 @@ FILES = (
 
 def csv_files(tables: PaperTables) -> dict[str, str]:
     """Return the text of each table with rows, by file name."""
-    return {
-        f"{name}.csv": rows_to_csv(type(rows[0]), rows)
-        for name in _TABLES
-        if (rows := getattr(tables, name))
-    }
+    return {f"{name}.csv": rows_to_csv(rows) for name in _TABLES if (rows := getattr(tables, name))}
 
 
 def files_of(tables: PaperTables) -> Mapping[str, str]:
@@ -175,3 +191,70 @@ def _sparse(tables: PaperTables) -> Figure:
         "estimate is no better than no current at all."
     )
     return one_figure("sparse", title, caption, axes, lines, 1.0)
+
+
+def lines_by(points: Iterable[tuple[str, float, float]]) -> list[Mark]:
+    """Return a line per label of points (label, x and y), in order of first occurrence."""
+    each = grouped(points, lambda point: point[0]).items()
+    values = [
+        (label, np.array([point[1:] for point in alike], np.float64)) for label, alike in each
+    ]
+    return [Mark("joined", at[:, 0], at[:, 1], label) for label, at in values]
+
+
+def one_figure(
+    key: str,
+    title: str,
+    caption: str,
+    axes: tuple[Axis, Axis],
+    lines: Sequence[Mark],
+    level: float,
+) -> Figure:
+    """Return a figure of one panel.
+
+    Args:
+        key: Unique in the page.
+        title: Title.
+        caption: Caption as HTML.
+        axes: Horizontal and vertical axis.
+        lines: Lines with names.
+        level: Reference value of y.
+    """
+    marks = []
+    for ordinal, mark in enumerate(lines):
+        color, symbol, dash = (each[ordinal % len(each)] for each in (_COLORS, _SYMBOLS, _DASHES))
+        marks.append(mark._replace(color=color, symbol=symbol, dash=dash, size=7.0))
+    words = f"{title}: {axes[1].label} against {axes[0].label}. {' '.join(map(_in_words, lines))}"
+    panels = [Panel(title, *axes, marks, level=level)]
+    return Figure(key, title, panels, caption, words)
+
+
+def _in_words(mark: Mark) -> str:
+    """Return the first and the last value of a mark as text."""
+    known = [(x, y) for x, y in zip(mark.x, mark.y, strict=True) if np.isfinite(x + y)]
+    if not known:
+        return f"{mark.name}: no values."
+    ends = [f"{to_text(float(y))} at {to_text(float(x))}" for x, y in (known[0], known[-1])]
+    return f"{mark.name}: {' to '.join(dict.fromkeys(ends))}."
+
+
+def misses_figure(key: str, title: str, misses: Mapping[str, Sequence[float]]) -> Figure:
+    """Return the distribution of miss distances, one line per planning flow.
+
+    Args:
+        key: Unique in the page.
+        title: Title.
+        misses: Miss distances [m] by label of the flow; those below 1 m are drawn at 1 m.
+    """
+    marks = []
+    for label, values in misses.items():
+        ordered = np.sort(np.maximum(np.asarray(values, dtype=np.float64), _LEAST_MISS))
+        # a step at each: the share rises where a plan misses by so much
+        shares = np.repeat(np.arange(ordered.size + 1) / ordered.size, 2)[1:-1]
+        marks.append(Mark("line", np.repeat(ordered, 2), shares, label))
+    caption = (
+        "Share of the plans whose miss distance in the truth is no larger. The farther up and left a line lies, the better the plans; "
+        f"distances below {_LEAST_MISS:g} m are drawn at {_LEAST_MISS:g} m."
+    )
+    axes = Axis("miss distance in the truth [m]", log=True), Axis("share of the plans [1]")
+    return one_figure(key, title, caption, axes, marks, 0.5)

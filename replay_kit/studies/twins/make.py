@@ -11,10 +11,10 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.files.paths import check_paths
 from replay_kit.core.grid import Ensemble
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins.adcp import measured_on
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.glider import PING_STEPS, STEP_S, Schedule
 from replay_kit.studies.twins.glider import mission as glider_mission
-from replay_kit.studies.twins.messages import measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission, survey
 
 Vehicle = Literal["vessel", "glider"]

@@ -17,10 +17,16 @@ from replay_kit.estimator import embed_member
 from replay_kit.show.text import SafeConsole
 from replay_kit.studies.paper.methods import bound, build_method
 from replay_kit.studies.paper.page import FILES, files_of, text_tables, to_json, to_markdown
-from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
+from replay_kit.studies.paper.rows import (
+    ErrorRow,
+    GlideRow,
+    SparseRow,
+    over_truths,
+    print_tables,
+    rows_to_csv,
+)
 from replay_kit.studies.paper.run import PaperJob, run_paper
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
-from replay_kit.studies.paper.text import print_tables, rows_to_csv
 from replay_kit.studies.twins import truths
 from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
@@ -271,7 +277,7 @@ def test_files_say_the_same_numbers(study, folder):
             for key, cell in asdict(value).items():
                 if isinstance(cell, float):
                     assert float(row[key]) == in_json[key] == cell
-    unknown = rows_to_csv(ErrorRow, [replace(study.table1[0], rel_error=math.nan)])
+    unknown = rows_to_csv([replace(study.table1[0], rel_error=math.nan)])
     assert next(csv.DictReader(io.StringIO(unknown)))["rel_error"] == ""
 
 
