@@ -23,7 +23,7 @@ from replay_kit.core.observation.block import POSITION, Block
 from replay_kit.core.observation.table import Integers
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.update.screening import screened
-from replay_kit.measurements.checks import concluded as findings
+from replay_kit.measurements.checks import causes as findings
 from replay_kit.measurements.checks.causes import SCALE
 from replay_kit.measurements.checks.check import Checked, check, unknowable
 from replay_kit.measurements.checks.likelihood import LEAST_GAIN
