@@ -27,7 +27,7 @@ from replay_kit.core.observation import (
 from replay_kit.core.observation.block import LINEAR, MEAN, PING, Block
 from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
 from replay_kit.logs.tables.columns import raws_of
-from replay_kit.logs.tables.frames import Open, lost
+from replay_kit.logs.tables.instruments import Open, lost
 from replay_kit.logs.tables.schemas import tables_of
 from replay_kit.measurements.means import Ways, means_of
 from replay_kit.measurements.profiles import pings

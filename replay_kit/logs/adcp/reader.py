@@ -17,14 +17,19 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs.adcp.bottom_track import bottom_tracks, with_bottom
 from replay_kit.logs.adcp.frames import AD2CP_MAGICS, PD0_MAGIC, Record, losses_between, scan
-from replay_kit.logs.adcp.gps import Fixes, fixes_of
-from replay_kit.logs.adcp.library import BURST, NO_ENSEMBLE, modes_of, read_mode, read_pd0
-from replay_kit.logs.adcp.pd0 import PINGS, by_configuration
-from replay_kit.logs.adcp.profiles import RawProfiles, raw_profiles
+from replay_kit.logs.adcp.library import (
+    BURST,
+    NO_ENSEMBLE,
+    PINGS,
+    by_configuration,
+    modes_of,
+    read_mode,
+    read_pd0,
+)
+from replay_kit.logs.adcp.profiles import SECOND_NS, Fixes, RawProfiles, fixes_of, raw_profiles
 from replay_kit.logs.payloads import PING, Entry, entries, fix_entries, numbers
 from replay_kit.logs.reader import Told, WholeLog, read_bytes
 
-_SECOND_NS = 1_000_000_000
 _AVERAGES = "/adcp/average"
 # kind of a PD0 ensemble, and names of other packets
 _ENSEMBLE, _KNOWN = 0, {0x79: ", waves"}
@@ -146,7 +151,7 @@ def _pings(topic: str, profiles: RawProfiles, gps: Fixes) -> Iterator[Entry]:
     common = {
         "frame_id": "adcp",
         **profiles.common,
-        "clock_offset": None if offset_ns is None else offset_ns / _SECOND_NS,
+        "clock_offset": None if offset_ns is None else offset_ns / SECOND_NS,
     }
     columns: dict[str, NDArray[Any]] = {
         name: np.round(values, 6) for name, values in profiles.per_ping.items()

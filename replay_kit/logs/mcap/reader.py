@@ -27,9 +27,9 @@ from replay_kit.logs.mcap.records import (
     read_summary,
 )
 from replay_kit.logs.mcap.scan import Scan
+from replay_kit.logs.merge import header_stamp
 from replay_kit.logs.payloads import DIVE_MEAN
 from replay_kit.logs.reader import LogFile, OnExtra
-from replay_kit.logs.stamps import header_stamp
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")

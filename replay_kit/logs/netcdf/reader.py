@@ -11,9 +11,8 @@ from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
 from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
-from replay_kit.logs.netcdf.text import open_text
 from replay_kit.logs.netcdf.unknown import NEEDED, PINGS, ROWS, require_no_grid
-from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf, open_text
 from replay_kit.logs.reader import LogFile, Told, WholeLog
 
 Form = Literal["netcdf", "seaexplorer", "table"]

@@ -15,12 +15,12 @@ from replay_kit.logs.netcdf.glider_dialects import SLOCUM_BINARY
 from replay_kit.logs.netcdf.reader import log_of_columns
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import LogFile, Told, WholeLog, read_bytes
-from replay_kit.logs.slocum.cycles import read_cycles
-from replay_kit.logs.slocum.header import (
+from replay_kit.logs.slocum.cycles import (
     FLIGHT,
     SCIENCE,
     Header,
     first_header,
+    read_cycles,
     read_header,
     sensor_list,
     sensors_of,

@@ -15,7 +15,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Profiles
 from replay_kit.logs.tables.columns import number
-from replay_kit.logs.tables.frames import SCHEMA, declination_in
+from replay_kit.logs.tables.instruments import SCHEMA, declination_in
 from replay_kit.measurements.checks.likelihood import UNITS
 
 # degrees; a smaller declination is within a compass' error

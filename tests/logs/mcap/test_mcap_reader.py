@@ -10,7 +10,7 @@ from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, BudgetErro
 from replay_kit.logs.decode.decoders import Channels
 from replay_kit.logs.mcap.reader import McapReader
 from replay_kit.logs.mcap.records import Summary
-from replay_kit.logs.stamps import header_stamp
+from replay_kit.logs.merge import header_stamp
 from tests.logs.log_samples import SECOND, json_mcap, one_channel_mcap
 from tests.logs.log_samples import read_log as read
 
