@@ -11,6 +11,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Indices, Times
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message, RawChannel, RawMessage
 
@@ -86,9 +87,9 @@ def fix_entries(columns: Mapping[str, NDArray[Any]]) -> Iterator[Entry]:
 
 def entries(
     kind: tuple[str, str],
-    time_ns: NDArray[np.int64],
+    time_ns: Times,
     columns: Mapping[str, NDArray[Any]],
-    rows: NDArray[np.intp],
+    rows: Indices,
     common: Mapping[str, Any],
     stamped: bool = True,
 ) -> Iterator[Entry]:

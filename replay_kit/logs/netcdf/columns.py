@@ -11,6 +11,7 @@ import gsw
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Indices, Mask
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag
 from replay_kit.logs.netcdf import units
@@ -69,7 +70,7 @@ def remove_bad(
                     values[one] = np.where(bad.reshape(found.shape), np.nan, found)
 
 
-def flagged_bad(name: str, stored: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
+def flagged_bad(name: str, stored: Stored, meanings: str, notes: list[str]) -> Mask:
     """Return the mask of bad values by the meanings of their flags, never by number.
 
     Args:
@@ -135,7 +136,7 @@ def worst_flag(flags: Sequence[NDArray[np.int8]], shape: tuple[int, ...]) -> NDA
     return np.where(worst == _PASSED, Flag.GOOD, worst).astype(np.int8)
 
 
-def is_failed(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
+def is_failed(flags: NDArray[np.int8]) -> Mask:
     """Return whether QARTOD flags are fail or missing."""
     return np.isin(flags, (Flag.FAIL, Flag.MISSING))
 
@@ -328,7 +329,7 @@ def _alike(values: Table, begins: tuple[str, ...], first: str) -> Table:
     }
 
 
-def _profile(values: Table, n: int, order: NDArray[np.intp]) -> Table:
+def _profile(values: Table, n: int, order: Indices) -> Table:
     """Return absolute currents with the profile as first dimension, in order of time."""
     if not {"profile_east", "profile_north", "profile_depth"} <= values.keys():
         return {}
@@ -377,6 +378,6 @@ def stacked(tables: Sequence[Table], unknown: float = np.nan) -> Table:
     return {key: column(key) for key in keys}
 
 
-def are_known(places: Table) -> NDArray[np.bool_]:
+def are_known(places: Table) -> Mask:
     """Return whether both time and position are known, shape (n,)."""
     return np.asarray((places["time"] > 0) & np.isfinite(places["longitude"] + places["latitude"]))

@@ -16,7 +16,7 @@ import lz4.block  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.errors import LogError
 from replay_kit.logs.reader import read_bytes
 
@@ -354,7 +354,7 @@ def _find_cycles(
     return starts, runs, lost
 
 
-def _last_values(values: Array, new: NDArray[np.bool_], runs: NDArray[np.int64]) -> Array:
+def _last_values(values: Array, new: Mask, runs: NDArray[np.int64]) -> Array:
     """Return the last new value at each cycle; NaN before the first one of each run."""
     cycle = np.arange(values.size)
     last = np.maximum.accumulate(np.where(new, cycle, -1))

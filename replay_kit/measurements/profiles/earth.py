@@ -18,7 +18,6 @@ from replay_kit.core.arrays import Array, every
 from replay_kit.core.observation.table import Columns, Raw, Rows, Table
 from replay_kit.logs.tables.instruments import pings
 from replay_kit.measurements.profiles import frames
-from replay_kit.measurements.profiles.frames import attitude_of, nortek_rotation, turned
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.positions import as_of, in_order
 
@@ -203,7 +202,7 @@ def attitudes_of(before: Columns, tables: Sequence[Table], step: Step) -> Rows:
         if one.kind == "attitude":
             step.note(one, _KEPT)
         if one.kind == "attitude" or one.fixed.get("oriented"):
-            angles = attitude_of(one["quaternion"], one["ned"].astype(bool))
+            angles = frames.attitude_of(one["quaternion"], one["ned"].astype(bool))
             parts.append({"time": one.time, "order": one.order, "values": angles})
     return in_order(*parts)
 
@@ -253,8 +252,8 @@ def velocity_of(table: Table, attitudes: Columns, config: MeasurementConfig) -> 
     left_up = table["axes"] == 2 if axes is None else np.array(axes == "forward-left-up")
     body = table["velocity"] * np.where(left_up[..., None], (1.0, -1.0, -1.0), 1.0)
     # Nortek's angles are those of an attitude: nose up, starboard down
-    rotation = nortek_rotation(heading + declination, pitch, roll, True)
-    ground = turned(body[:, None], rotation)[:, 0, :2]
+    rotation = frames.nortek_rotation(heading + declination, pitch, roll, True)
+    ground = frames.turned(body[:, None], rotation)[:, 0, :2]
     return np.column_stack([ground, table["error_std"]]), why
 
 
