@@ -211,8 +211,7 @@ MISFIT = "the forecast does not fit this water"
 MISFIT_OF_MOVED = "the ensemble that was moved here does not fit this water"
 MIXED = "positions of two vehicles in one log"
 TRACKS = "these logs hold two tracks that no one vehicle can join"
-#: What kinds of measurements are called.
-SOURCES = {
+_SOURCES = {
     "profiles": "the profiles",
     "dac": "mean currents of dives",
     "shear": "geostrophic shears",
@@ -270,40 +269,50 @@ forecast_fault = partial(
     "check the names, signs and units of the forecast's velocities",
     "warning",
 )
-#: The gate rejects most measurements of one source and accepts those of another; each with what it is called.
-preferred = partial(
-    _concluded,
-    PREFERRED,
-    "{of[0]} were rejected and {of[1]} kept: {evidence}",
-    "{of[0]} and {of[1]} are inconsistent: either may be wrong, or its stated error too small",
-    "check both, and withhold the wrong one (--without {rejected} or {kept})",
-)
-#: A source's innovations exceed their stated errors.
-source_misfit = partial(
-    _concluded,
-    PREFERRED,
-    "{of}: normalised innovation squared {nis:.1f} per value, of {values}",
-    "{of} and the estimate are inconsistent, or their stated errors too small",
-    "compare the results with and without them (--without {kind})",
-    "warning",
-)
-#: Most measurements are outside the forecast's uncertainty; and those of an ensemble that was moved to the log, as is expected.
-forecast_misfit = partial(
-    _concluded,
-    MISFIT,
-    "{evidence}",
-    "a forecast of another place or time, too narrow an ensemble, or stated errors that are too small",
-    "do not rely on this estimate; give a forecast of this area; replay-kit info --ensemble lists faults of a log that look the same",
-    "misfit",
-)
-misfit_of_moved = partial(
-    _concluded,
-    MISFIT_OF_MOVED,
-    "{evidence}",
-    "the ensemble was moved from elsewhere (--place-ensemble)",
-    "the estimate is a demonstration; give a forecast of this area",
-    "warning",
-)
+#: Most measurements are outside the forecast's uncertainty, by whether the ensemble was moved to the log, so that a misfit is expected.
+forecast_misfit = {
+    False: partial(
+        _concluded,
+        MISFIT,
+        "{evidence}",
+        "a forecast of another place or time, too narrow an ensemble, or stated errors that are too small",
+        "do not rely on this estimate; give a forecast of this area; replay-kit info --ensemble lists faults of a log that look the same",
+        "misfit",
+    ),
+    True: partial(
+        _concluded,
+        MISFIT_OF_MOVED,
+        "{evidence}",
+        "the ensemble was moved from elsewhere (--place-ensemble)",
+        "the estimate is a demonstration; give a forecast of this area",
+        "warning",
+    ),
+}
+
+
+def preferred(rejected: str, kept: str, evidence: str) -> Finding:
+    """Return the finding that the gate rejects most measurements of one source and accepts those of another."""
+    one, other = _SOURCES[rejected], _SOURCES[kept]
+    return Finding(
+        PREFERRED,
+        0,
+        f"{one} were rejected and {other} kept: {evidence}",
+        f"{one} and {other} are inconsistent: either may be wrong, or its stated error too small",
+        f"check both, and withhold the wrong one (--without {rejected} or {kept})",
+    )
+
+
+def source_misfit(kind: str, nis: float, values: int) -> Finding:
+    """Return the finding that a source's innovations exceed their stated errors."""
+    of = _SOURCES[kind]
+    return Finding(
+        PREFERRED,
+        0,
+        f"{of}: normalised innovation squared {nis:.1f} per value, of {values}",
+        f"{of} and the estimate are inconsistent, or their stated errors too small",
+        f"compare the results with and without them (--without {kind})",
+        "warning",
+    )
 
 
 def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:

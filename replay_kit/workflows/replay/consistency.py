@@ -237,9 +237,7 @@ def conclusions(
         found, notes = of_file
         blind += notes
     found = found or tuple(
-        findings.source_misfit(
-            of=findings.SOURCES[kind], nis=sums.nis_per_dof, values=sums.dof, kind=kind
-        )
+        findings.source_misfit(kind, sums.nis_per_dof, sums.dof)
         for kind, sums in counts.sources.items()
         if sums.dof >= _LEAST_VALUES and sums.nis_per_dof > _MOST_NIS
     )
@@ -263,9 +261,7 @@ def _preferred(counts: Counts) -> tuple[Finding, ...]:
         others = [other for other in shares if other != kind and shares[other] < 0.5]
         if rejected >= _LEAST_REJECTED and share > 0.5 and others:
             evidence = f"{rejected} of {asked[kind]} rejected"
-            kept = min(others, key=shares.__getitem__)
-            of = [findings.SOURCES[each] for each in (kind, kept)]
-            return (findings.preferred(of=of, rejected=kind, kept=kept, evidence=evidence),)
+            return (findings.preferred(kind, min(others, key=shares.__getitem__), evidence),)
     return ()
 
 
@@ -274,8 +270,7 @@ def _of_forecast(sums: Sums, moved: bool) -> tuple[Finding, ...]:
     beyond, total = sums.gated, sums.profiles + sums.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
-        misfit = findings.misfit_of_moved if moved else findings.forecast_misfit
-        return (misfit(evidence=evidence),)
+        return (findings.forecast_misfit[moved](evidence=evidence),)
     least = 0.2 if beyond >= _LEAST_REJECTED else 0.5
     return (ensemble_contradicts(evidence),) if beyond > least * total else ()
 
@@ -302,9 +297,8 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> Concluded:
         gains[name] = (density - as_is) / max(1.0, misfit)
     best = max(gains.values())
     if best >= LEAST_GAIN:
-        likely = [name for name, gain in gains.items() if gain > best - _ALIKE]
-        faults = ", or ".join(likely)
-        return (findings.forecast_fault(faults=faults, gain=best, dives=len(dives)),), ()
+        likely = ", or ".join(name for name, gain in gains.items() if gain > best - _ALIKE)
+        return (findings.forecast_fault(faults=likely, gain=best, dives=len(dives)),), ()
     left = sorted(name for name, gain in gains.items() if gain > _EXCLUDED)
     listed = ", ".join(f"{name} e^{gains[name]:z.0f}" for name in left)
     about = f"(likelihood ratios to none by {len(dives)} mean currents: {listed})"
