@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Times
 from replay_kit.core.message import LogReport, Loss, Message
 
 #: Losses listed one by one; a log that is damaged in more places has the others summed in one more.
@@ -107,7 +108,7 @@ class Block(NamedTuple):
 
     kinds: tuple[tuple[str, str], ...]
     kind: NDArray[np.intp]
-    time_ns: NDArray[np.int64]
+    time_ns: Times
     messages: Sequence[Message]
 
 

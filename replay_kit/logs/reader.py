@@ -19,8 +19,7 @@ from replay_kit.core.files.inputs import open_input
 from replay_kit.core.message import LogReader, LogReport, Loss, Message, RawMessage
 from replay_kit.core.words.progress import Progress
 from replay_kit.logs.blocks import Block, ReadStatistics, blocks_of
-from replay_kit.logs.decode.to_json import JsonChannels
-from replay_kit.logs.payloads import Entry, by_variable, gather
+from replay_kit.logs.payloads import Entry, JsonChannels, by_variable, gather
 
 # Messages between two looks at how much is read.
 _LOOK = 64

@@ -1,9 +1,14 @@
-"""Blocks from messages, and observations from the rows of blocks, for scripts."""
+"""Measurement step in columns, from a state and a block of messages to a state and measurements; rows of blocks as objects, for scripts.
+
+Every event has a ``due``, the position in the stream of the message that completes it, which orders events independently of the division
+into blocks; online use is a block of one message.
+"""
 
 # keeps the signature in help() short
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -20,14 +25,185 @@ from replay_kit.core.observation import (
     VehicleState,
 )
 from replay_kit.core.observation.block import LINEAR, MEAN, PING, Block
-from replay_kit.core.observation.table import Columns
+from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
 from replay_kit.logs.tables.columns import raws_of
-from replay_kit.logs.tables.frames import Open, lost
+from replay_kit.logs.tables.instruments import Open, lost
 from replay_kit.logs.tables.schemas import tables_of
-from replay_kit.measurements.measure import Memory, measure
+from replay_kit.measurements.means import Ways, means_of
+from replay_kit.measurements.profiles import pings
+from replay_kit.measurements.profiles.earth import attitudes_of, motions_of, no_triples, to_earth
+from replay_kit.measurements.step import Found, Step
+from replay_kit.measurements.surface.vectors import DrifterFix, of_others
+from replay_kit.measurements.track.dives import depth_of, depths_of, no_depths
+from replay_kit.measurements.track.navigation import Depth, Frames, Sender, located, of_sender
+from replay_kit.measurements.track.positions import as_of, beside, joined, no_rows, recent
+from replay_kit.measurements.track.reach import THROWN, Reach, within_reach
+
+_NONE = np.empty(0, np.int64)
+_NO_NAMES: Mapping[str, Any] = {}
+_LAST = slice(-1, None)
+
+
+class Memory(NamedTuple):
+    """State of the measurements between blocks.
+
+    Attributes:
+        topics: Names of topics by number.
+        sender: Numbers of the used MAVLink system and component: as requested, or the first that state a position.
+        depths: Depth and dive of the vehicle, one row.
+        frames: Frames of positions.
+        positions: Last positions of the vehicle.
+        reach: Reach of the vehicle by its positions so far.
+        attitudes: Its last attitude, at most one row.
+        motions: Its last DVL velocity, at most one row.
+        waiting: Pings that wait for a position.
+        ways: Path since the last fixes.
+        line: ``SectionLine`` of the CTD; None before its first sample.
+        drifters: Reference fix of each drifter's displacement, by name.
+    """
+
+    topics: tuple[str, ...] = ()
+    sender: Sender = (None, None)
+    depths: Columns = no_depths()
+    frames: Frames = Frames()
+    positions: Columns = no_rows()
+    reach: Reach = Reach()
+    attitudes: Columns = no_triples()
+    motions: Columns = no_triples()
+    waiting: tuple[Table, ...] = ()
+    ways: Ways = Ways()
+    line: Any = None
+    drifters: Mapping[str, DrifterFix] = _NO_NAMES
+
+
+def measure(
+    memory: Memory,
+    tables: Sequence[Table],
+    clock: tuple[Integers, Integers],
+    config: MeasurementConfig,
+    last: bool = False,
+) -> tuple[Memory, Block]:
+    """Return the state after a block of messages, and their measurements.
+
+    Args:
+        memory: State before the block.
+        tables: Tables of the messages from ``logs.tables``.
+        clock: Positions in the stream and times [ns, UTC] of all messages of the block, also of those in no table.
+        config: Settings of the measurements.
+        last: Whether the log ends with the block.
+    """
+    tables = sorted((one for one in tables if len(one)), key=lambda one: int(one.order[0]))
+    step = Step(config, clock, last, {name: k for k, name in enumerate(memory.topics)}, {}, [])
+    for one in tables:
+        step.topic(one.topic)
+    sender, tables = of_sender(memory.sender, tables, step)
+    of = defaultdict[str, list[Table]](list)
+    for one in tables:
+        of[one.kind].append(one)
+    for one in of["unused"]:
+        step.note(one, one["reason"])
+    frames, positions, stated = located(memory.frames, of, step)
+    reach, rows, counts, findings = within_reach(memory.reach, positions, last)
+    own, reached = rows["own"], chosen(rows, counts)
+    step.add(rows["order"][own], rows["topic"][own], np.where(counts, "", THROWN)[own])
+    attitudes = attitudes_of(memory.attitudes, tables, step)
+    motions, water = motions_of(memory.motions, of["dvl"], attitudes, step)
+    arrivals = [to_earth(one, attitudes, motions, config) for one in (*of["ping"], *water)]
+    positions = joined(memory.positions, reached)
+    stated += _depths((*of["depth"], *arrivals), positions, step)
+    depths = depths_of(memory.depths, stated, config.surface_depth)
+    step = step._replace(depths=depths, new=len(memory.positions["order"]), reach=reach)
+    dived = step.dived(reached["order"])
+    new = reached | {name: dived[name] for name in ("depth", "submerged", "dive")}
+    positions = joined(memory.positions, new)
+    step = step._replace(positions=positions)
+    came = [pings.arrived(one, step) for one in arrivals]
+    waiting, decided = pings.decided(memory.waiting, came, step)
+    found = [made for one in decided for made in pings.profiled(one, step)]
+    profiles, tests = pings.stacked(found)
+    ways, means = means_of(memory.ways, of["mean"], step)
+    line, linear = _ctd_measurements(memory.line, of, step)
+    drifters = dict(memory.drifters)
+    linear += of_others(drifters, of["radar"] + of["drifter"] + of["sensor"], step)
+    linear.sort(key=lambda pair: pair[0])
+    after = Memory(
+        tuple(step.topics),
+        sender,
+        chosen(depths, _LAST),
+        frames,
+        recent(positions),
+        reach,
+        chosen(attitudes, _LAST),
+        chosen(motions, _LAST),
+        waiting,
+        ways,
+        line,
+        drifters,
+    )
+    block = Block(
+        _events(new, profiles, means, linear),
+        new,
+        profiles,
+        means,
+        [one for _, one in linear],
+        tuple(step.topics),
+        step.outcomes(),
+        tuple(step.reasons),
+        tests,
+        tuple(findings),
+    )
+    return after, block
+
+
+def _events(positions: Rows, profiles: Rows, means: Rows, linear: Found) -> Integers:
+    """Return the events in order, as in ``Block``; removes the columns with their order."""
+    due: tuple[tuple[Integers, Any], ...] = (
+        (positions["order"], pings.POSITION),
+        *((rows.pop("due", _NONE), rows.pop("rank", _NONE)) for rows in (profiles, means)),
+        (np.array([order for order, _ in linear], np.int64), pings.OWN),
+    )
+    events = np.concatenate(
+        [
+            np.column_stack(np.broadcast_arrays(order, rank, kind, np.arange(len(order))))
+            for kind, (order, rank) in enumerate(due)
+        ]
+    )
+    return events[np.lexsort((events[:, 3], events[:, 1], events[:, 0]))][:, [0, 2, 3]]
+
+
+def _ctd_measurements(
+    line: Any, of: Mapping[str, Sequence[Table]], step: Step
+) -> tuple[Any, Found]:
+    """Return the CTD's line after a block, and the completed measurements."""
+    if line is None and not of["ctd"]:
+        return None, []
+    # loads scipy, which most logs need not
+    from replay_kit.measurements.ctd.lines import SectionLine, of_ctd
+
+    new = chosen(step.positions, slice(step.new, None))
+    surfacings = new["order"][~new["submerged"]]
+    return of_ctd(line or SectionLine(), of["ctd"], surfacings, step)
+
+
+def _depths(tables: Sequence[Table], positions: Columns, step: Step) -> list[Depth]:
+    """Return the depths in tables, or of pings with pressure in logs without other depths; notes the messages of the former."""
+    rows = list[Depth]()
+    for one in tables:
+        by, is_stated = one.fixed.get("by", "pressure"), one.kind == "depth"
+        depth = one[by]
+        if by == "pressure":
+            depth = depth_of(depth, beside(positions, as_of(one.order, positions["order"]))[2])
+        if is_stated:
+            step.note(one, np.where(np.isfinite(depth), "", f"{by} is not a number"))
+        else:
+            counts = (one["why"] == "") & (one["absolute"] | step.config.use_relative)
+            depth = np.where(counts & np.isnan(one["place"][:, 0]), depth, np.nan)
+        rows.append((one.order, depth, is_stated))
+    return rows
+
 
 _NO_FRAMES: Open = {}
-_LAST = np.iinfo(np.int64).max
+_ENDLESS = np.iinfo(np.int64).max
 
 
 class Stream(NamedTuple):
@@ -57,7 +233,7 @@ def taken(
     tables, pending = tables_of(raws_of(messages, stream.order), config, stream.pending)
     order = stream.order + len(messages)
     if last:
-        tables, pending = [*tables, *lost(pending, _LAST)], {}
+        tables, pending = [*tables, *lost(pending, _ENDLESS)], {}
     times = np.array([message.time_ns for message in messages], np.int64)
     clock = np.arange(stream.order, order), times
     memory, block = measure(stream.memory, tables, clock, config, last)

@@ -74,7 +74,7 @@ def info(
     check_paths([*logs, settings.file, *ensemble], [suggest, json_file], outputs.overwrite)
     config = settings.load()
 
-    from replay_kit.logs.tables.suggest import suggestions
+    from replay_kit.logs.tables.mapped import suggestions
     from replay_kit.show.text import print_lines
     from replay_kit.workflows.info.inspect import inspect_logs
     from replay_kit.workflows.info.listing import (

@@ -11,7 +11,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.records import Schema
 
-from replay_kit.logs.decode.budget import (
+from replay_kit.logs.mcap.records import (
     FREE,
     MAPPING,
     MOST_BYTES,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from replay_kit.logs.decode.budget import MAPPING, Budget
+from replay_kit.logs.mcap.records import MAPPING, Budget
 
 #: Types that are sent as they are, with their codes in ``struct``; of ROS 1 ``char`` is unsigned and ``byte`` signed, of ROS 2 the reverse.
 NUMBERS: Mapping[str, str] = {

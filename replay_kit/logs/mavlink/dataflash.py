@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Times
 from replay_kit.core.message import Message
 from replay_kit.logs.blocks import ReadStatistics
 from replay_kit.logs.mavlink.fit import (
@@ -114,7 +115,7 @@ class Log(NamedTuple):
 
     forms: Sequence[Format]
     offset: NDArray[np.int64]
-    boot_us: NDArray[np.int64]
+    boot_us: Times
 
 
 def _declared(values: tuple[Any, ...]) -> Format | None:
@@ -252,7 +253,7 @@ def _is_possible(boot_us: Any) -> Any:
     return (boot_us >= 0) & (boot_us <= _MAX_BOOT_US)
 
 
-def _steady(log: Log) -> tuple[NDArray[np.int64], list[str]]:
+def _steady(log: Log) -> tuple[Times, list[str]]:
     """Return the times since boot of all records [ns], that of the record before where none is possible, and notes on the stamps."""
     known = np.flatnonzero(_is_possible(log.boot_us))
     stamps, spikes = without_spikes(log.boot_us[known], None)

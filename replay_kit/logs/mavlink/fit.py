@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Times = NDArray[np.int64]
+from replay_kit.core.arrays import Array, Times
 
 #: In shorter logs the jitter of the stamps hides the drift of a quartz clock [ns].
 _SPAN_FOR_DRIFT_NS = 600_000_000_000
@@ -88,7 +88,7 @@ def fit_clock(boot_ns: Times, utc_ns: Times) -> ClockFit:
     )
 
 
-def _median_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+def _median_slope(x: Array, y: Array) -> float:
     """Return the median slope of the lines through two points each (Theil, Sen), robust to outliers."""
     # scipy.stats has it too, but takes longer to import than a log takes to read
     first, second = np.triu_indices(x.size, 1)

@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from replay_kit.core.arrays import Mask
 from replay_kit.logs.blocks import Indices, ReadStatistics, chain, gaps
 
 #: Read at once [bytes]: large enough for arrays to be efficient; noise can look like an entry of 280 bytes at every second byte.
@@ -61,7 +62,7 @@ class Frames(NamedTuple):
     sender: Indices
     message_id: Indices
 
-    def take(self, which: Indices | NDArray[np.bool_]) -> "Frames":
+    def take(self, which: Indices | Mask) -> "Frames":
         """Return a subset of the entries."""
         data, offset, *columns = self
         return Frames(data, offset, *(column[which] for column in columns))
@@ -136,13 +137,13 @@ def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
     return frames.take((flags <= _SIGNED) & (end <= size) & (stamp_us <= _MAX_STAMP_US))
 
 
-def _sound(frames: Frames, size: int, at_end: bool) -> NDArray[np.bool_]:
+def _sound(frames: Frames, size: int, at_end: bool) -> Mask:
     """Return the mask of valid entries: the checksum matches, or another candidate follows an unknown message."""
     view = np.frombuffer(frames.data, dtype=np.uint8)
     check = frames.payload + frames.length
     stated = view[check].astype(np.uint16) | view[check + 1].astype(np.uint16) << 8
     extra = _EXTRA[np.minimum(frames.message_id, _EXTRA.size - 1)]
-    sound: NDArray[np.bool_] = checksums(view, frames.start + 9, check, extra) == stated
+    sound: Mask = checksums(view, frames.start + 9, check, extra) == stated
     for at in np.flatnonzero(extra == _UNKNOWN).tolist():
         end = int(frames.end[at])
         sound[at] = at_end if end == size else _ENTRY.match(frames.data, end, size) is not None

@@ -14,8 +14,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message, RawMessage
 from replay_kit.logs.blocks import Block, ReadStatistics
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, Channels, explain
-from replay_kit.logs.mcap.chunk import Part, Row
-from replay_kit.logs.mcap.index import disordered, in_time, overview_of, problem_of
+from replay_kit.logs.mcap.index import Part, Row, disordered, in_time, overview_of, problem_of
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     MAGIC,
@@ -27,9 +26,9 @@ from replay_kit.logs.mcap.records import (
     read_summary,
 )
 from replay_kit.logs.mcap.scan import Scan
+from replay_kit.logs.merge import header_stamp
 from replay_kit.logs.payloads import DIVE_MEAN
 from replay_kit.logs.reader import LogFile, OnExtra
-from replay_kit.logs.stamps import header_stamp
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")

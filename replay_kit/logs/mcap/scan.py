@@ -16,7 +16,7 @@ from mcap.records import DataEnd, Statistics
 
 from replay_kit.logs.blocks import ReadStatistics
 from replay_kit.logs.decode.decoders import Channels
-from replay_kit.logs.mcap.chunk import (
+from replay_kit.logs.mcap.index import (
     CHUNK_HEAD,
     SHORTEST,
     Opened,

@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.files.atomic import atomic_file
 from replay_kit.core.message import Message, OutChannels, RawMessage
-from replay_kit.logs.decode.to_json import JsonChannels
+from replay_kit.logs.payloads import JsonChannels
 
 _LIBRARY = "replay-kit"
 

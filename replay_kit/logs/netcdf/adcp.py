@@ -4,9 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import LogError
 from replay_kit.core.words.quantities import metres
 from replay_kit.logs.netcdf import units
@@ -135,7 +134,7 @@ def _inverted(file: NetcdfFile) -> Iterator[Entry]:
     yield from _pings(INVERTED, columns, (float(steps[0]), float(levels[0])), common)
 
 
-def _leg_ends(file: NetcdfFile) -> NDArray[np.int64]:
+def _leg_ends(file: NetcdfFile) -> Times:
     """Return the end times [ns] of descent and ascent; empty if the dive has no depths."""
     time_ns, fixes = (units.times_of(file, name, []) for name in ("ctd_time", "log_gps_time"))
     depth = np.where(time_ns > 0, file.array("ctd_depth"), np.nan)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Indices
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Fix
 from replay_kit.logs.netcdf.columns import Columns, Table, are_known, rows_of, stacked
@@ -181,8 +182,8 @@ def _fix(row: Row, part: str) -> Fix | None:
 
 
 def _repeated(
-    table: Table, velocity: NDArray[Any], rows: NDArray[np.intp], fixes: Table, notes: list[str]
-) -> list[NDArray[np.intp]]:
+    table: Table, velocity: NDArray[Any], rows: Indices, fixes: Table, notes: list[str]
+) -> list[Indices]:
     """Return the samples that repeat each mean current, told apart by their own time or the fixes around them."""
     # a value that a dive repeats may stand at the fixes at its ends, too, where it could be of either dive
     at_fix = np.isin(table["time"][rows], fixes["time"])
@@ -197,7 +198,7 @@ def _repeated(
 
 
 def _mean(
-    row: Row, rows: NDArray[np.intp], samples: Table, fixes: Table, dialect: Dialect
+    row: Row, rows: Indices, samples: Table, fixes: Table, dialect: Dialect
 ) -> DiveMean | None:
     """Return the mean current in a row, which some samples repeat; None without its ends."""
     ends = _ends(row, rows, samples, fixes, dialect.ascent_share)
@@ -232,7 +233,7 @@ def _end(end: Fix) -> dict[str, Any]:
 
 
 def _ends(
-    row: Row, rows: NDArray[np.intp], samples: Table, fixes: Table, ascent_share: float
+    row: Row, rows: Indices, samples: Table, fixes: Table, ascent_share: float
 ) -> tuple[Fix, Fix] | None:
     """Return the fixes before and after a dive: stated, around a time within it, its outer samples, or those at the surface."""
     end, middle = _fix(row, "end_"), _fix(row, "dac_")
@@ -265,7 +266,7 @@ def _displaced(middle: Fix, step: Sequence[float]) -> Fix:
     return Fix(round(time_ns), longitude + turns, latitude)
 
 
-def _time_within(row: Row, rows: NDArray[np.intp], samples: Table) -> int:
+def _time_within(row: Row, rows: Indices, samples: Table) -> int:
     """Return a time within the dive [ns]; 0 if the file has neither times nor depths to determine it."""
     time_ns, depth = samples["time"], samples["depth"]
     known, stated = np.isfinite(depth), int(row.get("dac_time", 0))

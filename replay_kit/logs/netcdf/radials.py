@@ -16,7 +16,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.words.text import count_text
-from replay_kit.logs.netcdf.quality import deciding, is_failed, worst_flag
+from replay_kit.logs.netcdf.columns import deciding, is_failed, worst_flag
 from replay_kit.logs.netcdf.surface import LIGHT, RADAR, USUAL_ERROR, depth_of
 from replay_kit.logs.payloads import Entry, numbers, stamp
 from replay_kit.logs.reader import LogFile, Told, WholeLog, read_bytes

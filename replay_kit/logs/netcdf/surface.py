@@ -13,9 +13,17 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Table, are_known, read_values
+from replay_kit.logs.netcdf.columns import (
+    FLAGS,
+    Table,
+    are_known,
+    as_qartod,
+    deciding,
+    is_failed,
+    read_values,
+    worst_flag,
+)
 from replay_kit.logs.netcdf.dialects import Dialect
-from replay_kit.logs.netcdf.quality import FLAGS, as_qartod, deciding, is_failed, worst_flag
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.payloads import Entry, entries, numbers, stamp
 from replay_kit.logs.reader import Entries, Told

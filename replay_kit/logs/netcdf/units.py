@@ -12,9 +12,8 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import LogError
 from replay_kit.core.words.quantities import decibars, metres, metres_per_second, seconds
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, as_number
@@ -165,7 +164,7 @@ def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str
     return np.rad2deg(values)
 
 
-def times_of(file: NetcdfFile, name: str, notes: list[str]) -> NDArray[np.int64]:
+def times_of(file: NetcdfFile, name: str, notes: list[str]) -> Times:
     """Return a variable's times [ns, UTC], 0 where unknown; precise to 1 ms, ``datetime64`` to 1 ns.
 
     Raises:

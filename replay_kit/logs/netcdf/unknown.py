@@ -18,9 +18,8 @@ from replay_kit.core.observation import Observation, usable
 from replay_kit.core.words.quantities import measured_at
 from replay_kit.core.words.text import some_text
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Table, are_known, read_values, rows_of
+from replay_kit.logs.netcdf.columns import Table, are_known, read_values, rows_of, without_bad
 from replay_kit.logs.netcdf.dialects import Dialect
-from replay_kit.logs.netcdf.quality import without_bad
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.payloads import PING, entries, numbers, stamp
 from replay_kit.logs.reader import Entries, Told

@@ -27,7 +27,7 @@ from replay_kit.logs.tables.columns import (
     some,
     unused,
 )
-from replay_kit.logs.tables.frames import PARTS, SCHEMA, Open, joined
+from replay_kit.logs.tables.instruments import PARTS, SCHEMA, Open, joined
 from replay_kit.logs.tables.mapped import mapped
 
 #: The reason of a message of a kind that is not known.

@@ -1,15 +1,19 @@
-"""Causes of what pairs show: the likeliest, its odds among all, and the finding that names it.
+"""Causes of what pairs show, the likeliest and its odds among all; and findings on a whole run: ensemble, forecast, sources and logs.
 
 Causes in the vectors relative to the vehicle (compass, mounting) compete with causes in the currents (axes, scale, offset). If heading and
 current hardly change, several explain the pairs: nothing is then excluded, and the odds of all are given.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import Finding, Severity
+from replay_kit.core.words.text import place_text, time_text
 from replay_kit.measurements.checks.fold import Found, Memory, Rows
 from replay_kit.measurements.checks.likelihood import (
     CAUSES,
@@ -22,6 +26,7 @@ from replay_kit.measurements.checks.likelihood import (
     explanation,
     odds,
 )
+from replay_kit.measurements.checks.place import Passages
 from replay_kit.measurements.checks.profile import SURFACE, UNIT
 from replay_kit.measurements.checks.sensors import CLOCK, DEPTHS
 
@@ -197,3 +202,138 @@ def _source_finding(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
         )
         advice = _CHECK_BOTH.format("both")
     return finding_of(mean, best, name, evidence, cause + rivals, advice, KNOWN)
+
+
+ENSEMBLE_UNIT = "unit of the ensemble"
+FORECAST = "components or unit of the forecast"
+PREFERRED = "the gate prefers one source of the current to another"
+MISFIT = "the forecast does not fit this water"
+MISFIT_OF_MOVED = "the ensemble that was moved here does not fit this water"
+MIXED = "positions of two vehicles in one log"
+TRACKS = "these logs hold two tracks that no one vehicle can join"
+_SOURCES = {
+    "profiles": "the profiles",
+    "dac": "mean currents of dives",
+    "shear": "geostrophic shears",
+    "radar": "radar currents",
+    "drifters": "drifters",
+    "sensors": "other sensors",
+}
+
+
+def _concluded(
+    name: str,
+    evidence: str,
+    cause: str,
+    advice: str,
+    severity: Severity = "inconsistent",
+    /,
+    **said: Any,
+) -> Finding:
+    """Return a finding on a whole run, from texts with fields in braces."""
+    evidence, cause, advice = (text.format(**said) for text in (evidence, cause, advice))
+    return Finding(name, 0, evidence, cause, advice, severity)
+
+
+#: Most or all mean currents of a log were skipped as too fast.
+too_fast = partial(
+    _concluded,
+    SCALE,
+    "{number} of {total} mean currents were skipped ({reason})",
+    "mean currents in cm/s or mm/s, taken for m/s",
+    "correct their unit, or withhold them (--without dac)",
+)
+#: Many positions of one log are out of reach of the others.
+mixed_tracks = partial(
+    _concluded,
+    MIXED,
+    "{thrown} of {total} positions are out of the vehicle's reach",
+    "two vehicles in one log, or a receiver that errs much of the time",
+    "split the log by vehicle and name the parts (--as NAME=LOG)",
+)
+#: An ensemble's speeds are impossible in an ocean.
+ensemble_unit = partial(
+    _concluded,
+    ENSEMBLE_UNIT,
+    "{source}: {evidence}",
+    "velocities in cm/s or knots called m/s, or undeclared fill values",
+    'correct the file; consistency.on_failure = "ignore" takes it as it is',
+    "unusable",
+)
+#: A forecast file seems wrong, with possible faults.
+forecast_fault = partial(
+    _concluded,
+    FORECAST,
+    "by {dives} mean currents of dives the forecast's currents look {faults} (likelihood ratio e^{gain:.0f})",
+    "exchanged components, a sign or a unit in its file; or an eddy that is elsewhere",
+    "check the names, signs and units of the forecast's velocities",
+    "warning",
+)
+#: Most measurements are outside the forecast's uncertainty, by whether the ensemble was moved to the log, so that a misfit is expected.
+forecast_misfit = {
+    False: partial(
+        _concluded,
+        MISFIT,
+        "{evidence}",
+        "a forecast of another place or time, too narrow an ensemble, or stated errors that are too small",
+        "do not rely on this estimate; give a forecast of this area; replay-kit info --ensemble lists faults of a log that look the same",
+        "misfit",
+    ),
+    True: partial(
+        _concluded,
+        MISFIT_OF_MOVED,
+        "{evidence}",
+        "the ensemble was moved from elsewhere (--place-ensemble)",
+        "the estimate is a demonstration; give a forecast of this area",
+        "warning",
+    ),
+}
+
+
+def preferred(rejected: str, kept: str, evidence: str) -> Finding:
+    """Return the finding that the gate rejects most measurements of one source and accepts those of another."""
+    one, other = _SOURCES[rejected], _SOURCES[kept]
+    return Finding(
+        PREFERRED,
+        0,
+        f"{one} were rejected and {other} kept: {evidence}",
+        f"{one} and {other} are inconsistent: either may be wrong, or its stated error too small",
+        f"check both, and withhold the wrong one (--without {rejected} or {kept})",
+    )
+
+
+def source_misfit(kind: str, nis: float, values: int) -> Finding:
+    """Return the finding that a source's innovations exceed their stated errors."""
+    of = _SOURCES[kind]
+    return Finding(
+        PREFERRED,
+        0,
+        f"{of}: normalised innovation squared {nis:.1f} per value, of {values}",
+        f"{of} and the estimate are inconsistent, or their stated errors too small",
+        f"compare the results with and without them (--without {kind})",
+        "warning",
+    )
+
+
+def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
+    """Return the finding that logs are from two vehicles.
+
+    Args:
+        passages: Passages between the two logs, at least one out of reach.
+        names: Names of the logs in order of their numbers.
+    """
+    one, other = sorted(passages.example, key=lambda place: place.log)
+    placed = (
+        f"{place_text(each.longitude, each.latitude)} at {time_text(each.time_ns)}"
+        for each in (one, other)
+    )
+    return Finding(
+        TRACKS,
+        0,
+        f"{names[one.log]} and {names[other.log]}; {passages.beyond} of {passages.number} steps between them are "
+        f"too long for one vehicle, the last one "
+        f"{one.way(other) / 1e3:.0f} km ({', '.join(placed)})",
+        "two vehicles, or a clock or receiver that was wrong most of the time",
+        'name the vehicles (--as NAME=LOG), or replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
+        "unusable",
+    )

@@ -5,7 +5,6 @@ at every row by ``sums`` and ``windows``, which continue from the memory, so tha
 have one row more, the first: that of the memory.
 """
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -196,13 +195,9 @@ def history(
     """
     new = replace(rows, columns={"number": rows.event, **{name: rows[name] for name in names}})
     old = {name: memory.get(of + name, values[:0]) for name, values in new.columns.items()}
-    times, least, at = old["time"].tolist(), seconds * 1e9, list[int]()
-    last = times[-1] if times else -math.inf
-    for i, time in enumerate(new["time"].tolist()):
-        if not -least < time - last < least:
-            at.append(i)
-            last = time
-    new = new.take(np.array(at, np.intp))
+    times, least = old["time"].tolist(), seconds * 1e9
+    at = spaced(new["time"].tolist(), times, lambda last, time: not -least < time - last < least)
+    new = new.take(at)
     new = new.having(number=old["number"][-1:].sum() + np.arange(1, len(new) + 1))
     columns = {name: np.concatenate([old[name], new[name]]) for name in old}
     event = np.concatenate([np.full(len(times), -1), new.event])

@@ -64,21 +64,48 @@ UNITS = {
 _SCALES, _LEAST_SCALE, _SCALE_SPREAD = np.linspace(-7.2, 7.2, 721), math.log(1.15), math.log(3.0)
 # The least logarithm of a ``unit``: of scales that no error of a vehicle's own speed makes.
 _LEAST_UNIT = math.log(3.0)
+#: Slips of axes and signs: kind and degrees of the alternative, name, M, with true = M logged, and what to check.
+SIGNS = (
+    (
+        "turn",
+        180.0,
+        "turned by +180 degrees clockwise, both signs wrong",
+        (-1, 0, 0, -1),
+        "check whether directions are where the current comes from, or velocities are the vehicle's through the water",
+    ),
+    (
+        "mirror",
+        0.0,
+        "the sign of north is wrong",
+        (1, 0, 0, -1),
+        "check whether the second component grows to the south",
+    ),
+    (
+        "mirror",
+        90.0,
+        "east and north are exchanged",
+        (0, 1, 1, 0),
+        "check which component comes first",
+    ),
+    (
+        "mirror",
+        180.0,
+        "the sign of east is wrong",
+        (-1, 0, 0, 1),
+        "check whether the first component grows to the west",
+    ),
+)
+
+
+def _named_signs(kind: str) -> dict[float, str]:
+    return {degrees: name for of, degrees, name, *_ in SIGNS if of == kind}
+
+
 # Alternatives, degrees or logarithms, and names of those that are usual slips: of axes, signs, and units of either source. Smaller
 # turns are biases of a compass, which the estimator can estimate.
 _GRIDS: Mapping[str, tuple[Array, Mapping[float, str]]] = {
-    "turn": (
-        np.arange(20.0, 341.0, 5.0),
-        {180.0: "turned by +180 degrees clockwise, both signs wrong"},
-    ),
-    "mirror": (
-        np.arange(0.0, 360.0, 5.0),
-        {
-            0.0: "the sign of north is wrong",
-            90.0: "east and north are exchanged",
-            180.0: "the sign of east is wrong",
-        },
-    ),
+    "turn": (np.arange(20.0, 341.0, 5.0), _named_signs("turn")),
+    "mirror": (np.arange(0.0, 360.0, 5.0), _named_signs("mirror")),
     "scale": (
         _SCALES[np.abs(_SCALES) >= _LEAST_SCALE],
         {sign * math.log(factor): name for sign in (1, -1) for name, factor in UNITS.items()},

@@ -17,12 +17,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.measurements.checks.fold import Context, Found, Judged, Memory, Rows, history, steps
-from replay_kit.measurements.checks.likelihood import LEAST_GAIN
+from replay_kit.measurements.checks.likelihood import LEAST_GAIN, Complex
 from replay_kit.measurements.checks.profile import SURFACE
 
 DEPTHS = "depth of the instrument and depth of the vehicle"
@@ -56,7 +55,6 @@ _UNITS = (
 #: Mean square of what a hypothesis leaves, and the number of values compared; NaN where few or none can be.
 Misfit = tuple[float, float]
 _UNKNOWN = math.nan, math.nan
-Complex = NDArray[np.complex128]
 # Columns of an instrument, or of the vehicle.
 Columns = Memory | Rows
 

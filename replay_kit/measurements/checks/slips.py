@@ -15,55 +15,25 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Profiles
 from replay_kit.logs.tables.columns import number
-from replay_kit.logs.tables.frames import SCHEMA, declination_in
-from replay_kit.measurements.checks.likelihood import UNITS
+from replay_kit.logs.tables.instruments import SCHEMA, declination_in
+from replay_kit.measurements.checks.likelihood import SIGNS, UNITS
 
 # degrees; a smaller declination is within a compass' error
 _LEAST_DECLINATION = 1.0
 # Factors that stand for any between those of units.
 _OTHERS = (2.0, 10.0)
-# Slips of axes and signs as in ``likelihood``: M, with true = M logged, and what to check.
-_SIGNS = {
-    "turned by +180 degrees clockwise, both signs wrong": (
-        (-1, 0, 0, -1),
-        "check whether directions are where the current comes from, or velocities are the vehicle's through the water",
-    ),
-    "the sign of north is wrong": (
-        (1, 0, 0, -1),
-        "check whether the second component grows to the south",
-    ),
-    "east and north are exchanged": ((0, 1, 1, 0), "check which component comes first"),
-    "the sign of east is wrong": (
-        (-1, 0, 0, 1),
-        "check whether the first component grows to the west",
-    ),
-}
 _DECLINATION = (
     ("not applied", "check the compass' settings and declination_applied", 1.0),
     ("applied twice", "check whether the instrument and the logger both apply it", -1.0),
 )
 
 
-class Slip(NamedTuple):
-    """Linear error of logged velocities.
-
-    Attributes:
-        name: Description.
-        matrix: M, shape (2, 2), with true = M logged.
-    """
-
-    name: str
-    matrix: Array
-
-
-def slips() -> tuple[Slip, ...]:
-    """Return the errors of axes and signs, and of units that are too fast."""
+def slips() -> dict[str, Array]:
+    """Return M, shape (2, 2), with true = M logged, of errors of axes and signs and of units that are too fast, by description."""
     scales = {f"in {name}": factor for name, factor in UNITS.items()}
     scales |= {f"{factor:g} times too fast": factor for factor in _OTHERS}
-    return (
-        *(Slip(name, np.reshape(matrix, (2, 2))) for name, (matrix, _) in _SIGNS.items()),
-        *(Slip(name, np.eye(2) / factor) for name, factor in scales.items()),
-    )
+    signs = {name: np.reshape(matrix, (2, 2)) for _, _, name, matrix, _ in SIGNS}
+    return signs | {name: np.eye(2) / factor for name, factor in scales.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +79,7 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
     """
     faults = [
         Fault(name, advice, partial(_mapped, np.reshape(matrix, (2, 2))))
-        for name, (matrix, advice) in _SIGNS.items()
+        for _, _, name, matrix, advice in SIGNS
     ]
     stated = [abs(one.declination) for one in soundings if math.isfinite(one.declination)]
     if stated and float(np.median(stated)) >= _LEAST_DECLINATION:

@@ -9,17 +9,14 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.geodesy import moved
 from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
+from replay_kit.logs.tables.columns import why
+from replay_kit.logs.tables.vehicle import no_place
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.dives import depth_of
 from replay_kit.measurements.track.positions import LONG_AGO, NEVER, ROW, as_of, in_order, no_rows
 
 NO_ORIGIN = "local position without an origin: state it with --origin LON,LAT"
 NAVIGATED = "local position beside the system's position on the Earth, which is used"
-_NO_NUMBER, _NO_FIX, _OUTSIDE = (
-    "position is not a number",
-    "position is 0, 0 (no fix)",
-    "position outside the range of longitude and latitude",
-)
 _NONE = np.empty(0, np.int64)
 _NOTHING: Mapping[Any, Any] = {}
 # ns; a MAVLink position is measured while the last three-dimensional fix is no older than this
@@ -207,11 +204,9 @@ def _pose_positions(table: Table, origin: Array, step: Step) -> tuple[Rows, Mask
     """Return the positions of poses, and which poses have no origin; notes their messages."""
     x, y, east, north = origin.T
     longitude, latitude = moved(x, y, table["east"] - east, table["north"] - north)
-    lacks, why = np.isnan(x), np.full(len(table), "", object)
-    why[(np.abs(latitude) > 90.0) | (longitude < -180.0) | (longitude > 360.0)] = _OUTSIDE
-    why[(longitude == 0.0) & (latitude == 0.0)] = _NO_FIX
-    why[~np.isfinite(longitude + latitude)] = _NO_NUMBER
-    why[lacks] = NO_ORIGIN if table.fixed["system"] else ""
-    step.note(table, why)
+    lacks = np.isnan(x)
+    reasons = {NO_ORIGIN if table.fixed["system"] else "": lacks} | no_place(longitude, latitude)
+    words = why(reasons)
+    step.note(table, words)
     rows = _rows(table, step, longitude, latitude, table["depth"], True, False)
-    return chosen(rows, (why == "") & ~lacks), lacks
+    return chosen(rows, (words == "") & ~lacks), lacks

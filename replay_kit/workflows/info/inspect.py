@@ -20,11 +20,10 @@ from replay_kit.core.observation.table import Columns
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.blocks import Block as RawBlock
-from replay_kit.logs.merge import FAR_NS, Settled, Settling
+from replay_kit.logs.merge import FAR_NS, Settled, Settling, doubtful_times
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.stamps import doubtful_times
+from replay_kit.logs.tables.mapped import suggested_entries
 from replay_kit.logs.tables.schemas import NOT_A_KIND, may_state
-from replay_kit.logs.tables.suggest import suggested_entries
 from replay_kit.measurements.observed import begun, blocks, taken
 from replay_kit.measurements.profiles.pings import NO_POSITION
 from replay_kit.workflows.replay.inputs.scan import next_block

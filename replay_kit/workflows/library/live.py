@@ -23,7 +23,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.words.progress import Stopwatch
-from replay_kit.measurements.region import for_region
+from replay_kit.measurements.step import for_region
 from replay_kit.workflows.library.calls import At, Settings, place_of, planned, settings_of
 from replay_kit.workflows.replay.consistency import checked_speeds
 from replay_kit.workflows.replay.inputs.forecast import build, read_forecasts

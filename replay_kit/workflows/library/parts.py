@@ -17,9 +17,8 @@ from replay_kit.estimator import Estimator
 from replay_kit.estimator.interface import require_estimator
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.netcdf.surface import RADAR
-from replay_kit.logs.netcdf.text import name_and_unit
 from replay_kit.logs.netcdf.unknown import TOPIC, Asked, ping_of, profiles_in_memory
-from replay_kit.logs.netcdf.variables import Stored
+from replay_kit.logs.netcdf.variables import Stored, name_and_unit
 from replay_kit.logs.payloads import DIVE_MEAN, PING, number, numbers, stamp
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, with_window

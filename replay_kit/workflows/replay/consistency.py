@@ -23,7 +23,7 @@ from replay_kit.core.observation.block import POSITION, Block
 from replay_kit.core.observation.table import Integers
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.update.screening import screened
-from replay_kit.measurements.checks import concluded as findings
+from replay_kit.measurements.checks import causes as findings
 from replay_kit.measurements.checks.causes import SCALE
 from replay_kit.measurements.checks.check import Checked, check, unknowable
 from replay_kit.measurements.checks.likelihood import LEAST_GAIN
@@ -189,7 +189,7 @@ def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | No
     if config.consistency.on_failure == "ignore":
         return None
     if evidence := odd_ensemble_speeds(ensemble.velocity):
-        wrong = findings.ensemble_unit(evidence, ensemble.source)
+        wrong = findings.ensemble_unit(evidence=evidence, source=ensemble.source)
         raise ForecastError(str(wrong), (wrong,))
     return ensemble_speeds(ensemble.grid.levels, ensemble.velocity)
 
@@ -227,11 +227,11 @@ def conclusions(
     fast = sum(count for (_, reason), count in messages.items() if reason == TOO_FAST)
     used = len(state.means)
     if fast > 2 * used and not any(finding.name == SCALE for finding in found):
-        found += (findings.too_fast(TOO_FAST, fast, fast + used),)
+        found += (findings.too_fast(reason=TOO_FAST, number=fast, total=fast + used),)
     thrown = {topic: n for (topic, reason), n in messages.items() if reason == THROWN}
     out, total = sum(thrown.values()), sum(messages.get((topic, ""), 0) for topic in thrown)
     if out >= _LEAST_REJECTED and 3 * out > total:
-        found += (findings.mixed_tracks(out, out + total),)
+        found += (findings.mixed_tracks(thrown=out, total=out + total),)
     found = found or _preferred(counts)
     if not found:
         found, notes = of_file
@@ -270,7 +270,7 @@ def _of_forecast(sums: Sums, moved: bool) -> tuple[Finding, ...]:
     beyond, total = sums.gated, sums.profiles + sums.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
-        return (findings.forecast_misfit(evidence, moved),)
+        return (findings.forecast_misfit[moved](evidence=evidence),)
     least = 0.2 if beyond >= _LEAST_REJECTED else 0.5
     return (ensemble_contradicts(evidence),) if beyond > least * total else ()
 
@@ -290,16 +290,15 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> Concluded:
     measured, predicted, covariance, variance = _under_prior(estimator, dives)
     as_is, _ = _density(measured, predicted, covariance, variance)
     gains = dict[str, float]()
-    for each in slips():
-        turn = np.kron(np.eye(len(dives)), each.matrix)
+    for name, matrix in slips().items():
+        turn = np.kron(np.eye(len(dives)), matrix)
         density, misfit = _density(measured, turn @ predicted, turn @ covariance @ turn.T, variance)
         # of a forecast that is too sure of itself all gains count for less
-        gain = (density - as_is) / max(1.0, misfit)
-        gains[each.name] = max(gain, gains.get(each.name, -math.inf))
+        gains[name] = (density - as_is) / max(1.0, misfit)
     best = max(gains.values())
     if best >= LEAST_GAIN:
-        likely = [name for name, gain in gains.items() if gain > best - _ALIKE]
-        return (findings.forecast_fault(likely, best, len(dives)),), ()
+        likely = ", or ".join(name for name, gain in gains.items() if gain > best - _ALIKE)
+        return (findings.forecast_fault(faults=likely, gain=best, dives=len(dives)),), ()
     left = sorted(name for name, gain in gains.items() if gain > _EXCLUDED)
     listed = ", ".join(f"{name} e^{gains[name]:z.0f}" for name in left)
     about = f"(likelihood ratios to none by {len(dives)} mean currents: {listed})"

@@ -19,7 +19,7 @@ from replay_kit.core.observation import Fix, Profiles, VehicleState
 from replay_kit.core.surfacing import Basis, forecast_place
 from replay_kit.estimator.next_dive.process import FIXES_STD, DiveMean
 from replay_kit.measurements.means import Path, Spot, begun, extended, path_mean
-from replay_kit.measurements.track.surfacings import SurfacingState, detect_surfacing
+from replay_kit.measurements.track.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.events import Track
 
 _NO_DEPTH = np.empty(0)

@@ -13,7 +13,7 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_outcome
-from replay_kit.measurements.track.surfacings import SurfacingState, detect_surfacing
+from replay_kit.measurements.track.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.inputs.planner import Planner, PlanQuery, PlanResult
 from replay_kit.workflows.replay.publishing import Output
 

@@ -9,7 +9,7 @@ import pytest
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
-from replay_kit.logs.adcp.bottom_track import NOT_FOUND
+from replay_kit.logs.adcp.reader import NOT_FOUND
 from tests.logs.adcp import ad2cp_samples as samples
 from tests.logs.adcp.ad2cp_samples import Survey, bottom, burst
 from tests.logs.adcp.raw_adcp_samples import nortek_record

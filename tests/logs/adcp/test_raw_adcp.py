@@ -9,7 +9,7 @@ import pytest
 
 from replay_kit.core.errors import LogError
 from replay_kit.logs.adcp.frames import AD2CP_TEXT, scan
-from replay_kit.logs.adcp.gps import clock_offset, declination_at
+from replay_kit.logs.adcp.profiles import clock_offset, declination_at
 from replay_kit.measurements import observations
 from tests.logs.adcp import raw_adcp_samples as samples
 from tests.logs.adcp.raw_adcp_samples import Survey, pd0

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.core.observation import Observation, VehicleState
-from replay_kit.logs.decode.blueos import mavlink_channel
+from replay_kit.logs.decode.decoders import mavlink_channel
 from tests.logs.log_samples import read_log as read
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.carriers import json_mcap

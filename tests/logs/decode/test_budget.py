@@ -7,7 +7,9 @@ import pytest
 from google.protobuf import descriptor_pb2
 from mcap.records import Schema
 
-from replay_kit.logs.decode.budget import (
+from replay_kit.logs.decode.decoders import channel_decoder, decode_json
+from replay_kit.logs.decode.protobuf import Cost, pay
+from replay_kit.logs.mcap.records import (
     FREE,
     MOST_BYTES,
     MOST_SCHEMA,
@@ -16,8 +18,6 @@ from replay_kit.logs.decode.budget import (
     Budget,
     BudgetError,
 )
-from replay_kit.logs.decode.decoders import channel_decoder, decode_json
-from replay_kit.logs.decode.protobuf import Cost, pay
 
 SEPARATOR = "\n" + "=" * 80 + "\n"
 

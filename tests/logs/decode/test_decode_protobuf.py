@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.records import Schema
 
-from replay_kit.logs.decode.budget import BudgetError
-from replay_kit.logs.decode.protobuf import protobuf_decoder
+from replay_kit.logs.decode.protobuf import BudgetError, protobuf_decoder
 
 #: Words of Python, and names that the converter itself uses.
 NAMES = ("class", "from", "None", "m", "v", "k", "convert_0", "HasField", "__init__", "plain")

@@ -9,8 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.core.message import Message
-from replay_kit.logs.tables.frames import CONFIGURATION, PARTS
-from replay_kit.logs.tables.instruments import WORDS
+from replay_kit.logs.tables.instruments import CONFIGURATION, PARTS, WORDS
 
 #: Values of a frame.
 MAX_CELLS = 58

@@ -8,7 +8,7 @@ import pytest
 import zstandard
 from mcap.opcode import Opcode
 
-from replay_kit.logs.mcap.chunk import MAX_CONTENTS
+from replay_kit.logs.mcap.index import MAX_CONTENTS
 from replay_kit.logs.mcap.records import MAGIC, MAX_SIZE
 from replay_kit.results.losses import loss_json, loss_words
 from tests.logs.log_samples import SECOND, json_mcap, record_offsets
@@ -151,7 +151,7 @@ def test_what_is_spent_on_checksums_is_bounded_by_the_size_of_the_file(tmp_path,
     checked = []
     crc = zlib.crc32
     monkeypatch.setattr(
-        "replay_kit.logs.mcap.chunk.zlib.crc32",
+        "replay_kit.logs.mcap.index.zlib.crc32",
         lambda *given: checked.append(len(given[0])) or crc(*given),
     )
     claim = struct.pack("<BQQQQIIQ", Opcode.CHUNK, 50_041, 0, 0, 50_000, 7, 0, 50_000)

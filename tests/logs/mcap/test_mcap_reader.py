@@ -6,11 +6,10 @@ from mcap.records import Channel, Schema
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, BudgetError
 from replay_kit.logs.decode.decoders import Channels
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.logs.mcap.records import Summary
-from replay_kit.logs.stamps import header_stamp
+from replay_kit.logs.mcap.records import MOST_DECLARED, MOST_SCHEMA, BudgetError, Summary
+from replay_kit.logs.merge import header_stamp
 from tests.logs.log_samples import SECOND, json_mcap, one_channel_mcap
 from tests.logs.log_samples import read_log as read
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.netcdf import quality, units
+from replay_kit.logs.netcdf import columns, units
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 
 SINCE = "seconds since 1970-01-01"
@@ -93,7 +93,7 @@ _NUMBERS = np.array([1, 2, 3, 4, 9], np.int8)
 def test_flags_are_read_by_their_meanings(values, stated, meanings, usual, bad):
     notes: list[str] = []
     about = {} if stated is None else {"flag_values": stated, "flag_meanings": meanings}
-    found = quality.flagged_bad("q", Stored(values, about), usual, notes)
+    found = columns.flagged_bad("q", Stored(values, about), usual, notes)
     assert found.tolist() == [int(value) in bad for value in values]
     assert len(notes) == len(bad)
 

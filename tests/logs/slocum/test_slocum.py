@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log, open_logs
-from replay_kit.logs.slocum.cycles import read_cycles
-from replay_kit.logs.slocum.header import read_header, sensors_of, unpacked
+from replay_kit.logs.slocum.cycles import read_cycles, read_header, sensors_of, unpacked
 from tests.command import run_command
 from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read

@@ -8,7 +8,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation
-from replay_kit.measurements.profiles import dvl
+from replay_kit.measurements.profiles import earth
 from tests.measurements.samples import (
     CONFIG,
     fix,
@@ -49,7 +49,7 @@ def horizontal(velocity, angles, declination, left_up=False):
     config, zero = MeasurementConfig(**changes), np.zeros(1, int)
     attitudes = {"time": zero, "order": zero, "values": np.array([angles])}
     table = table_of(dvl_message(0, velocity=velocity), config)
-    return dvl.velocity_of(table, attitudes, config)[0][0, :2]
+    return earth.velocity_of(table, attitudes, config)[0][0, :2]
 
 
 def test_a_dvl_s_velocity_turns_with_the_vehicle():

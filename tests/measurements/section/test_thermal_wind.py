@@ -10,7 +10,6 @@ import xarray as xr
 
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.measurements.ctd.noise import _misfit, garrett_munk, rossby_radius
 from replay_kit.measurements.ctd.sections import (
     GRAVITY,
     RHO0,
@@ -19,9 +18,12 @@ from replay_kit.measurements.ctd.sections import (
 )
 from replay_kit.measurements.ctd.thermal_wind import (
     GeostrophicShear,
+    _misfit,
     depth_weights,
+    garrett_munk,
     geopotential_matrix,
     place_of,
+    rossby_radius,
     shear_of,
     slope_weights,
 )

@@ -11,7 +11,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError, finding_text
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements.checks import concluded as findings
+from replay_kit.measurements.checks import causes as findings
 from replay_kit.measurements.checks.causes import COMPASS, SCALE
 from replay_kit.measurements.checks.check import Checked
 from replay_kit.measurements.checks.place import FROZEN, REPEATED

@@ -10,7 +10,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements.checks.concluded import TRACKS
+from replay_kit.measurements.checks.causes import TRACKS
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import expected_of
 from replay_kit.workflows.planning.adapters import planner_of

@@ -17,7 +17,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
-from replay_kit.measurements.track.surfacings import SurfacingState, detect_surfacing
+from replay_kit.measurements.track.dives import SurfacingState, detect_surfacing
 from replay_kit.show.notebook import read_result
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import detail_lines

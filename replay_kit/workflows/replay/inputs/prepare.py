@@ -18,7 +18,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.words.progress import Progress, Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.logs.reader import LogFile
-from replay_kit.measurements.region import for_region
+from replay_kit.measurements.step import for_region
 from replay_kit.workflows.replay.account import Account
 from replay_kit.workflows.replay.consistency import checked_speeds
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, build

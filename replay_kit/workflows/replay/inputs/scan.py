@@ -17,7 +17,7 @@ from replay_kit.core.observation.block import PING, POSITION, Block
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.tables.frames import SCHEMA
+from replay_kit.logs.tables.instruments import SCHEMA
 from replay_kit.logs.tables.schemas import SENDERS
 from replay_kit.measurements.observed import begun, taken
 from replay_kit.results.losses import iso_time
