@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from planners.hazards.areas import Ring, first_crossing
-from planners.hazards.bottom import DEPTH_TOLERANCE
+from planners.hazards.domain import DEPTH_TOLERANCE
 from planners.simulation.fly import Flight, Flights
 from planners.task import Task
 from replay_kit.core.arrays import Array

@@ -11,7 +11,7 @@ from time import monotonic
 import numpy as np
 
 from planners.hazards.areas import NoGo
-from planners.hazards.bottom import Bathymetry
+from planners.hazards.domain import Bathymetry
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

@@ -23,12 +23,11 @@ from planners.odds.mission import (
 )
 from planners.odds.steer import Route, steer
 from planners.request import MissionPlan, MissionRequest
-from planners.simulation.currents import Currents, Flow, Sample
+from planners.simulation.currents import Currents, Flow, Sample, first_of
 from planners.simulation.fly import DRIFT_STEPS, Flight, Flights
 from planners.task import Task
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.plan import Area
 
@@ -149,7 +148,7 @@ def _remembered(flow: Flow, task: Task, depth: float) -> Array:
         task: Mission, with its start.
         depth: Depth of the first dive [m].
     """
-    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    first = first_of(flow)
     found = np.array([[np.nan, np.nan], [0.0, 0.0]])
     if not first.n_modes:
         return found

@@ -20,6 +20,7 @@ from planners.simulation.currents import (
     Sample,
     currents_of,
     currents_of_samples,
+    first_of,
     flows_of,
     graph_key,
     with_courses,
@@ -355,7 +356,7 @@ def _below(currents: Currents, depth: float) -> Currents:
 
 
 def _flows_around(flow: Flow, samples: Sequence[Flow]) -> Currents:
-    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    first = first_of(flow)
     if not isinstance(samples[0], FlowEstimate):
         changing = currents_of_samples(samples)
         if graph_key(changing.flow) != graph_key(first):

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from planners.program.graph import PLANES, Program, Shape, program
+from planners.program.graph import HOUR, KM, PLANES, Program, Shape, Water, program
 from planners.program.solution import Solution, Solved, Start, again, joined, judged
 from planners.program.walls import Segments, Walls
-from planners.program.water import HOUR, KM, Water
 from planners.request import Line, Mooring
 from planners.simulation.fly import COARSE, DRIFT_STEPS, TURN, Legs, Path, fly_leg
 from planners.task import Task

@@ -9,8 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from planners.hazards.areas import Ring
-from planners.program.graph import FAR, PLANES
-from planners.program.water import KM
+from planners.program.graph import FAR, KM, PLANES
 from replay_kit.core.arrays import Array
 
 # Distance within which a ring counts [m]; half-planes of a segment that are kept from round to round.

@@ -20,8 +20,7 @@ import numpy as np
 from planners.route.current import Complex, CurrentLattice, shares_of_levels
 from planners.route.front import Front, sea_of, spread
 from planners.route.obstacles import as_complex, directions_around, obstacles_of
-from planners.route.passage import MeanCurrent, mean_current
-from planners.route.relax import relax
+from planners.route.passage import MeanCurrent, mean_current, relax
 from planners.task import LEAST_DIVE, Task, YoDepths, yo_depths
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.functions import depth_weights

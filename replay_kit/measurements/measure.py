@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.observation.block import Block
-from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
+from replay_kit.core.observation.table import Block, Columns, Integers, Rows, Table, chosen
 from replay_kit.measurements.means import Ways, means_of
 from replay_kit.measurements.profiles import pings
 from replay_kit.measurements.profiles.dvl import attitudes_of, motions_of

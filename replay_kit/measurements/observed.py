@@ -19,8 +19,7 @@ from replay_kit.core.observation import (
     Source,
     VehicleState,
 )
-from replay_kit.core.observation.block import LINEAR, MEAN, PING, Block
-from replay_kit.core.observation.table import Columns
+from replay_kit.core.observation.table import LINEAR, MEAN, PING, Block, Columns
 from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.frames import Open, lost
 from replay_kit.logs.tables.schemas import tables_of

@@ -16,9 +16,9 @@ from planners import (
     plan_mission,
     with_odds,
 )
-from planners.odds.flights import fly_mission
 from planners.odds.mission import currents_of_estimate
 from planners.odds.rank import most_violations_allowed, passes_binomial_test
+from planners.plan import fly_mission
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.plan import share_interval

@@ -23,7 +23,7 @@ from replay_kit.core.words.progress import announce
 
 if TYPE_CHECKING:
     from planners.hazards.areas import NoGo
-    from planners.hazards.bottom import Bathymetry
+    from planners.hazards.domain import Bathymetry
     from planners.request import Line, Mooring, Weights
     from replay_kit.core.as_flown import AsFlown
     from replay_kit.core.flow.estimate import FlowEstimate

@@ -9,7 +9,7 @@ from planners.hazards.areas import Ring
 from planners.route.current import CurrentLattice, current_lattice, edge_durations, shares_of_levels
 from planners.route.front import sea_of, spread
 from planners.route.obstacles import directions_around, obstacles_of
-from planners.route.relax import relax
+from planners.route.passage import relax
 from tests.planners.flow_samples import eddying_flow
 from tests.reference.front import arrivals, edge_duration, touches
 

@@ -12,8 +12,8 @@ from planners import (
     plan_departures,
     plan_mission,
 )
-from planners.odds.departures import cut_at_horizon
 from planners.output.mission import as_plan
+from planners.plan import cut_at_horizon
 from tests.planners.flow_samples import eddying_flow, place
 
 FLOW = eddying_flow(3, speed=0.1)

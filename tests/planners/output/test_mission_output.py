@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from planners import MissionSettings
-from planners.odds.flights import fly_mission
 from planners.odds.mission import ellipse_factor, ellipses_of
 from planners.output.mission import (
     as_plan,
@@ -20,6 +19,7 @@ from planners.output.mission import (
     to_csv,
     to_json,
 )
+from planners.plan import fly_mission
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from planners.hazards.areas import Ring, first_crossing
-from planners.hazards.bottom import Bathymetry, Bottom, DepthCells, bottom_of
-from planners.hazards.domain import Region
+from planners.hazards.domain import Bathymetry, Bottom, DepthCells, Region, bottom_of
 from tests.planners.flow_samples import still_flow
 from tests.planners.route.all_rings import all_rings
 
