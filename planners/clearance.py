@@ -200,20 +200,11 @@ def _clearance(
         )
         clear = np.full(count, np.inf)
         np.minimum.at(clear, flights[near], shapely.distance(ring.line, lines[near]))
-        overlap = (
-            shapely.difference(lines[inside], ring.area)
-            if ring.outside
-            else shapely.intersection(lines[inside], ring.area)
-        )
+        overlap = ring.forbidden(lines[inside])
         middle, crosses = segments[inside, 1].copy(), ~shapely.is_empty(overlap)
         middle[crosses] = shapely.get_coordinates(shapely.centroid(overlap[crosses]))
-        deepest = np.min(
-            [
-                ring.clearance(points)
-                for points in (segments[inside, 0], segments[inside, 1], middle)
-            ],
-            axis=0,
-        )
+        places = *segments[inside].swapaxes(0, 1), middle
+        deepest = np.min([ring.clearance(points) for points in places], axis=0)
         np.minimum.at(clear, flights[inside], np.minimum(deepest, 0.0))
         found[ring.name] = np.minimum(found.get(ring.name, clear), clear)
     return found

@@ -193,8 +193,7 @@ def legs_of_plan(plan: MissionPlan) -> Legs:
     Raises:
         PlanError: The plan has no legs.
     """
-    if len(plan.headings_deg) == 0:
-        raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
+    plan.require_legs()
     drifts = np.append(np.full(len(plan.yo_depths) - 1, plan.settings.surface_time), 0.0)
     return Legs(
         np.deg2rad(plan.headings_deg),

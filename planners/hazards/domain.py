@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from planners.hazards.areas import NoGo, Ring, joined, no_go_rings
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import inside_grid, outline, to_local, wet_above
+from replay_kit.core.geodesy import border, inside_grid, outline, to_local, wet_above
 from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place
 
@@ -319,16 +319,9 @@ def bottom_of(region: Region, bathymetry: Bathymetry | None, clearance: float) -
     if bathymetry is None:
         return Bottom((mask,), clearance)
     cells, covered = _cells_of(region, bathymetry, clearance)
-    edge = (
-        None
-        if shapely.covers(shapely.Polygon(covered), shapely.Polygon(outline(grid)))
-        else covered
-    )
-    return Bottom(
-        (mask, cells),
-        clearance,
-        None if edge is None else Ring(edge, True, "the edge of the bathymetry"),
-    )
+    if shapely.covers(shapely.Polygon(covered), shapely.Polygon(outline(grid))):
+        return Bottom((mask, cells), clearance)
+    return Bottom((mask, cells), clearance, Ring(covered, True, "the edge of the bathymetry"))
 
 
 def fixed_rings(region: Region, no_go: tuple[NoGo, ...], bottom: Bottom) -> tuple[Ring, ...]:
@@ -363,9 +356,7 @@ def _cells_of(region: Region, bathymetry: Bathymetry, clearance: float) -> tuple
             "two rows and columns or more"
         )
     points = np.stack(to_local(region.grid.projection, longitude, latitude), axis=-1)
-    low, high = (
-        np.array([pick(region.grid.east), pick(region.grid.north)]) for pick in (np.min, np.max)
-    )
+    low, high = region.grid.ends
     inside = widened(np.all((points >= low) & (points <= high), axis=-1), 1)
     # a bathymetry coarser than the region has no point in it, and is kept whole
     rows, columns = (
@@ -379,8 +370,7 @@ def _cells_of(region: Region, bathymetry: Bathymetry, clearance: float) -> tuple
         np.min([depths[:-1, :-1], depths[:-1, 1:], depths[1:, 1:], depths[1:, :-1]], axis=0)
         - clearance
     )
-    edges = points[0, :-1], points[:-1, -1], points[-1, :0:-1], points[:0:-1, 0]
-    return DepthCells(near, limit, None), np.concatenate(edges)
+    return DepthCells(near, limit, None), border(points)
 
 
 def _cell_corners(values: Array) -> Array:

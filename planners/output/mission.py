@@ -10,6 +10,7 @@ from planners.request import MissionPlan
 from replay_kit.core.geodesy import grid_bearing_of_true_north
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Odds, Plan
+from replay_kit.core.surfacing import ON_LEG
 from replay_kit.core.words.text import csv_text
 
 
@@ -44,14 +45,7 @@ def legs_table(plan: MissionPlan, odds: MissionOdds | None) -> list[dict[str, An
             for name, value in zip(("from", "to"), about, strict=True):
                 row[f"heading_{name}_deg"] = value if np.isfinite(value) else None
         if odds is not None and len(odds.ellipses):
-            names = (
-                "ellipse_longitude",
-                "ellipse_latitude",
-                "ellipse_major_m",
-                "ellipse_minor_m",
-                "ellipse_bearing_deg",
-            )
-            row |= {name: float(value) for name, value in zip(names, odds.ellipses[k], strict=True)}
+            row |= zip(ON_LEG, odds.ellipses[k].tolist(), strict=True)
         rows.append(row)
     return rows
 

@@ -72,8 +72,7 @@ class Water:
         return np.asarray(np.sign(depth) * np.array(found))
 
     def _currents(self, task: Task) -> ca.Function:
-        flow, kernel, grid = task.flow, task.flow.horizontal.kernel, task.flow.grid
-        low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
+        flow, kernel, (low, high) = task.flow, task.flow.horizontal.kernel, task.flow.grid.ends
         lengths = np.array([kernel.length_east, kernel.length_north])
         counts = np.maximum(np.ceil((high - low) / lengths * _PER_LENGTH).astype(int) + 1, 5)
         axes = [np.linspace(low[i], high[i], counts[i]) for i in (0, 1)]

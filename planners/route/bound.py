@@ -92,7 +92,7 @@ def bound_of(task: Task) -> tuple[MeanCurrent, Bound]:
     discs = [
         _disc(complex(place), float(radius)) for place, radius in zip(places, radii, strict=True)
     ]
-    obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, places)
+    obstacles = obstacles_of(task.solid(LEAST_DIVE), 0.0, places)
     sea = sea_of(water.current, lead.speed, np.concatenate(discs), obstacles, waits=True)
     ends = water.current.places.size + np.cumsum([0, *(disc.size for disc in discs)])
     until = task.settings.max_duration / _STRONG_ERROR
@@ -214,11 +214,9 @@ def currents_around(task: Task, latent: Array) -> Array:
     kernel, ends = flow.horizontal.kernel, np.vstack([task.start, task.goals])[:, :2]
     lengths = np.array([kernel.length_east, kernel.length_north])
     # beyond its region the flow is no estimate of a current
-    corners = np.array(
-        [[pick(axis) for axis in (flow.grid.east, flow.grid.north)] for pick in (np.min, np.max)]
-    )
     low, high = np.clip(
-        [ends.min(axis=0) - _AROUND * lengths, ends.max(axis=0) + _AROUND * lengths], *corners
+        [ends.min(axis=0) - _AROUND * lengths, ends.max(axis=0) + _AROUND * lengths],
+        *flow.grid.ends,
     )
     counts = np.ceil((high - low) / lengths * _SAMPLES).astype(int) + 1
     points = np.stack(
@@ -286,7 +284,7 @@ def limit_of(task: Task, current: CurrentLattice, speed: float, goal: int) -> Li
         goal: Number of the goal, from 0.
     """
     still = replace(current, times=np.zeros(1), values=np.zeros_like(current.values[:1]))
-    obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, task.places)
+    obstacles = obstacles_of(task.solid(LEAST_DIVE), 0.0, task.places)
     sea, now = sea_of(still, speed, task.places[: goal + 2], obstacles), np.zeros(1)
     for number in current.places.size + np.arange(goal + 1):
         now = spread(sea, np.array([number]), now, inf, np.array([number + 1])).times[[number + 1]]

@@ -108,8 +108,7 @@ def current_lattice(
         spacing: Spacing of the lattice [m].
         by_depth: Weight of each level in the mean, shape (Z,).
     """
-    grid, kernel = flow.grid, flow.horizontal.kernel
-    low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
+    (low, high), kernel = flow.grid.ends, flow.horizontal.kernel
     intervals = np.maximum(np.ceil((high - low) / spacing - 1e-9).astype(int), 1)
     mean = np.stack([part @ by_depth for part in np.split(latent, times.size, axis=1)], axis=1)
     coarse = np.maximum(

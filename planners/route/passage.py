@@ -11,7 +11,6 @@ from planners.route.current import (
     CurrentLattice,
     Route,
     current_lattice,
-    edge_durations,
     shares_of_levels,
     spacing_over,
 )
@@ -150,12 +149,8 @@ def _times(sea: Sea, places: Complex, begins: float) -> Array:
         if not np.isfinite(depart[0]):
             times[k + 1 :] = np.inf
             break
-        times[k + 1] = (
-            times[k]
-            + edge_durations(
-                sea.current, sea.speed, places[k : k + 1], places[k + 1 : k + 2], depart, sea.piece
-            )[0]
-        )
+        lasts = sea.durations(places[k : k + 1], places[k + 1 : k + 2], depart)
+        times[k + 1] = times[k] + lasts[0]
     return times
 
 
@@ -189,17 +184,10 @@ def _swept(sea: Sea, places: Complex, times: Array, parity: int, step: float) ->
 
     def duration(offset: Array) -> Array:
         at, depart = here + offset * side, times[inner - 1]
-        lasts = edge_durations(sea.current, sea.speed, before, at, depart, sea.piece)
+        lasts = sea.durations(before, at, depart)
         # a closed edge never ends; its second half must still have a time
-        onward = edge_durations(
-            sea.current,
-            sea.speed,
-            at,
-            after,
-            np.where(np.isfinite(lasts), depart + lasts, depart),
-            sea.piece,
-        )
-        return lasts + onward
+        depart = np.where(np.isfinite(lasts), depart + lasts, depart)
+        return lasts + sea.durations(at, after, depart)
 
     left, middle, right = (duration(np.full(inner.size, offset)) for offset in (-step, 0.0, step))
     with np.errstate(invalid="ignore"):

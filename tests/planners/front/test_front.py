@@ -78,7 +78,7 @@ def test_labels_are_those_of_dijkstra_on_the_same_lattice(seed):
 
     def duration(here, there, now):
         ends = sea.places[[here]], sea.places[[there]]
-        return float(edge_durations(current, 0.3, *ends, np.array([now]), sea.piece)[0])
+        return float(sea.durations(*ends, np.array([now]))[0])
 
     np.testing.assert_allclose(front.times, arrivals(current.shape, 5, 19, duration), rtol=1e-12)
 
