@@ -12,7 +12,7 @@ from planners import (
     plan_departures,
     plan_mission,
 )
-from planners.output.mission import as_plan
+from planners.output import as_plan
 from planners.plan import cut_at_horizon
 from tests.planners.flow_samples import eddying_flow, place
 

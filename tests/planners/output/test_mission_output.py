@@ -12,7 +12,7 @@ import pytest
 
 from planners import MissionSettings
 from planners.odds.mission import ellipse_factor, ellipses_of
-from planners.output.mission import (
+from planners.output import (
     as_plan,
     legs_table,
     places_table,
