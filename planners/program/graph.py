@@ -24,8 +24,7 @@ import numpy as np
 
 from planners.task import Task
 from planners.vehicle import Glider
-from replay_kit.core.arrays import Array
-from replay_kit.core.flow.functions import depth_weights
+from replay_kit.core.arrays import Array, points_over
 
 #: Programs measure distances in kilometres and times in hours, so that their unknowns are of order one to a hundred.
 KM, HOUR = 1e3, 3600.0
@@ -47,7 +46,7 @@ class Water:
         """Fit the splines over the whole region, as routes in strong currents deviate far from the straight line."""
         flow = task.flow
         deepest = max(task.settings.deepest, float(np.max(task.goals[:, 2])), float(task.start[2]))
-        self._functions, self._levels = flow.depth_functions, flow.levels
+        self._currents = task.currents
         met = int(np.searchsorted(flow.levels, deepest)) + 1
         self.count = min(max(met, 2), flow.levels.size)
         self.surface = self.weights(np.zeros(1))[0]
@@ -58,27 +57,24 @@ class Water:
         summed = np.vstack([np.zeros(self.count), np.cumsum(steps, axis=0)])[::_PARTS]
         self._depths, self._summed = depths, summed
         self.integrals = spline([depths / KM], summed.T / KM)
-        self.at = self._currents(task)
+        self.at = self._splined(task)
 
     def weights(self, depths: Array) -> Array:
         """Return the weights of levels at depths [m], shape (n, C)."""
-        found = depth_weights(self._functions, depths, self._levels)
-        held: Array = np.ascontiguousarray(found[:, : self.count])
-        return held
+        return np.ascontiguousarray(self._currents.weights(depths)[:, : self.count])
 
     def integral(self, depth: float) -> Array:
         """Return the integrals of the levels' weights from the surface to a depth, shape (C,) [m]; an odd function of depth."""
         found = [np.interp(abs(depth), self._depths, of) for of in self._summed.T]
         return np.asarray(np.sign(depth) * np.array(found))
 
-    def _currents(self, task: Task) -> ca.Function:
-        flow, kernel, (low, high) = task.flow, task.flow.horizontal.kernel, task.flow.grid.ends
-        lengths = np.array([kernel.length_east, kernel.length_north])
+    def _splined(self, task: Task) -> ca.Function:
+        flow, (low, high) = task.flow, task.flow.grid.ends
+        lengths = flow.horizontal.kernel.lengths
         counts = np.maximum(np.ceil((high - low) / lengths * _PER_LENGTH).astype(int) + 1, 5)
-        axes = [np.linspace(low[i], high[i], counts[i]) for i in (0, 1)]
+        axes = [np.linspace(*of) for of in zip(low, high, counts, strict=True)]
         times, latent = task.currents_through()
-        points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-        velocity = flow.horizontal.velocity(points, latent)
+        velocity = flow.horizontal.velocity(points_over(*axes), latent)
         velocity = velocity.reshape(2, counts[1], counts[0], times.size, -1)[..., : self.count]
         # level after level, each east and north
         table = velocity.transpose(4, 0, 2, 1, 3).reshape(-1, counts[0], counts[1], times.size)

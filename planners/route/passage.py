@@ -54,7 +54,7 @@ def mean_current(task: Task) -> MeanCurrent:
     flow, angle = task.flow, task.shallowest_angle
     drift_share = task.settings.surface_time / task.leg_time()
     times, latent = task.currents_through()
-    shares = shares_of_levels(flow, task.settings.depth, drift_share)
+    shares = shares_of_levels(task.currents, task.settings.depth, drift_share)
     along = float(task.vehicle.speeds(np, angle)[0])
     return MeanCurrent(
         current_lattice(flow, latent, times, spacing_over(flow), shares),

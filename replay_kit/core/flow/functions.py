@@ -46,6 +46,11 @@ class HorizontalKernel:
     length_north: float
     speed: float
 
+    @property
+    def lengths(self) -> Array:
+        """Both lengths, shape (2,) [m]."""
+        return np.array([self.length_east, self.length_north])
+
 
 def velocity_kernel(kernel: HorizontalKernel, points: Array, nodes: Array) -> Array:
     """Return K between points and nodes, shape (2P, 2N) [m^2/s^2].
@@ -276,9 +281,8 @@ def _velocities(gx: Array, slope_x: Array, gy: Array, slope_y: Array) -> Array:
 
 def lattice_over(kernel: HorizontalKernel, nodes: Array) -> StreamFunctionLattice:
     """Return the lattice for flows known at nodes, shape (N, 2) [m], extended by the reach of the Gaussians."""
-    lengths = np.array([kernel.length_east, kernel.length_north])
     low, high = nodes.min(axis=0), nodes.max(axis=0)
-    spacing = _SPACING * lengths
+    lengths, spacing = kernel.lengths, _SPACING * kernel.lengths
     shape = np.maximum(
         np.ceil((high - low + _MARGIN * np.sqrt(2.0) * lengths) / spacing).astype(int) + 1, WINDOW
     )

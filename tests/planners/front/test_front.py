@@ -10,6 +10,7 @@ from planners.route.current import CurrentLattice, current_lattice, edge_duratio
 from planners.route.front import sea_of, spread
 from planners.route.obstacles import directions_around, obstacles_of
 from planners.route.passage import relax
+from planners.simulation.currents import currents_of
 from tests.planners.flow_samples import eddying_flow
 from tests.reference.front import arrivals, edge_duration, touches
 
@@ -175,7 +176,7 @@ def test_a_disc_lies_within_the_places_around_it():
 
 def test_a_flow_on_the_lattice_is_the_mean_of_the_flow_over_depth():
     flow = eddying_flow(4)
-    shares = shares_of_levels(flow, 300.0, 0.1)
+    shares = shares_of_levels(currents_of(flow), 300.0, 0.1)
     current = current_lattice(flow, flow.latent, np.zeros(1), 800.0, shares)
     rng = np.random.default_rng(0)
     points = rng.uniform([-35e3, -25e3], [35e3, 25e3], (40, 2))
