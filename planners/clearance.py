@@ -55,7 +55,8 @@ def check(task: Task, flight: Flight, margin: float = 0.0) -> Violation | None:
     deep = (depths.max(axis=1) > task.region.deepest + DEPTH_TOLERANCE) | (
         depths.min(axis=1) < -DEPTH_TOLERANCE
     )
-    surfacing = _at_surface(flight)
+    # the start is exempt from constraints
+    surfacing = flight.depth[1:] <= DEPTH_TOLERANCE
     lane = first_crossing(
         [ring for ring in task.rings if ring.surface_only],
         _surfaced(segments, depths)[surfacing],
@@ -103,11 +104,6 @@ def bends(flight: Flight) -> Array:
 def _segments(place: Array) -> Array:
     """Return the segments, shape (K, n - 1, 2, 2), of paths of shape (K, n, 2)."""
     return np.stack([place[:, :-1], place[:, 1:]], axis=2)
-
-
-def _at_surface(flight: Flight) -> NDArray[np.bool_]:
-    """Return a mask of the segments that end at the surface, shape (n - 1,); the start is exempt from constraints."""
-    return flight.depth[1:] <= DEPTH_TOLERANCE
 
 
 def _surfaced(segments: Array, depths: Array) -> Array:

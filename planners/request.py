@@ -15,7 +15,7 @@ from planners.hazards.domain import Bathymetry
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.extensions import additions, is_objective, objective_names
+from replay_kit.core.extensions import additions, objective_names
 from replay_kit.core.plan import Place, PlanStatus
 
 
@@ -160,7 +160,7 @@ class MissionSettings:
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
-        if not isinstance(self.objective, Weights) and not is_objective(self.objective):
+        if not (isinstance(self.objective, Weights) or self.objective in objective_names()):
             raise PlanError(
                 f"a mission's objective is {self.objective!r}; expected one of {', '.join(objective_names())}, or weights"
             )

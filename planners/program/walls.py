@@ -85,7 +85,9 @@ class Walls:
                     if depth == 0.0:
                         continue
                     begin, end = segments.chords[k]
-                    share = 1.0 if ring.surface_only else _share(segments.lines[k], at)
+                    line = shapely.LineString(segments.lines[k])
+                    share = shapely.line_locate_point(line, shapely.Point(at), normalized=True)
+                    share = 1.0 if ring.surface_only else float(share)
                     bend = at - begin - share * (end - begin)
                     if straight:
                         bend = np.zeros(2)
@@ -147,10 +149,3 @@ def _touched(
                 at = nearest - beside[farthest] * left
         found.append((True, at, nearest))
     return found
-
-
-def _share(line: Array, at: Array) -> float:
-    """Return the fraction of a line's length at which it passes a point."""
-    return float(
-        shapely.line_locate_point(shapely.LineString(line), shapely.Point(at), normalized=True)
-    )

@@ -10,6 +10,7 @@ from planners import (
     MissionRequest,
     MissionSettings,
     Mooring,
+    fly_mission,
     mission_odds,
     next_surfacing,
     plan_by_odds,
@@ -18,7 +19,6 @@ from planners import (
 )
 from planners.odds.mission import currents_of_estimate
 from planners.odds.rank import most_violations_allowed, passes_binomial_test
-from planners.plan import fly_mission
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.plan import share_interval

@@ -39,13 +39,11 @@ Kind = Literal[
 
 def chosen(rows: Columns, at: Any) -> Rows:
     """Return a subset of the rows, without a copy if it is all of them in order."""
-    if isinstance(at, np.ndarray) and rows and _are_all(at, len(next(iter(rows.values())))):
-        return dict(rows)
+    if isinstance(at, np.ndarray) and rows:
+        n = len(next(iter(rows.values())))
+        if at.all() if at.dtype == np.bool_ else at.size == n and (at == np.arange(n)).all():
+            return dict(rows)
     return {name: column[at] for name, column in rows.items()}
-
-
-def _are_all(at: NDArray[Any], n: int) -> bool:
-    return bool(at.all() if at.dtype == np.bool_ else at.size == n and (at == np.arange(n)).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planners import MissionSettings
+from planners import MissionSettings, fly_mission
 from planners.odds.mission import ellipse_factor, ellipses_of
 from planners.output import (
     as_plan,
@@ -19,7 +19,6 @@ from planners.output import (
     to_csv,
     to_json,
 )
-from planners.plan import fly_mission
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
