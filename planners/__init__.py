@@ -13,12 +13,17 @@ from replay_kit.core.extensions import on_demand
 
 if TYPE_CHECKING:
     from planners.hazards.areas import NoGo
-    from planners.hazards.bottom import Bathymetry
-    from planners.odds.departures import best_departure, cut_at_horizon, plan_departures
-    from planners.odds.flights import closest_approach, fly_mission
+    from planners.hazards.domain import Bathymetry
     from planners.odds.mission import MissionOdds, mission_odds, next_surfacing, with_odds
     from planners.odds.rank import plan_by_odds
-    from planners.plan import plan_mission
+    from planners.plan import (
+        best_departure,
+        closest_approach,
+        cut_at_horizon,
+        fly_mission,
+        plan_departures,
+        plan_mission,
+    )
     from planners.request import (
         Line,
         MissionPlan,

@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from planners.hazards.areas import Ring, first_crossing
-from planners.hazards.bottom import DEPTH_TOLERANCE
+from planners.hazards.domain import DEPTH_TOLERANCE
 from planners.simulation.fly import Flight, Flights
 from planners.task import Task
 from replay_kit.core.arrays import Array
@@ -55,7 +55,8 @@ def check(task: Task, flight: Flight, margin: float = 0.0) -> Violation | None:
     deep = (depths.max(axis=1) > task.region.deepest + DEPTH_TOLERANCE) | (
         depths.min(axis=1) < -DEPTH_TOLERANCE
     )
-    surfacing = _at_surface(flight)
+    # the start is exempt from constraints
+    surfacing = flight.depth[1:] <= DEPTH_TOLERANCE
     lane = first_crossing(
         [ring for ring in task.rings if ring.surface_only],
         _surfaced(segments, depths)[surfacing],
@@ -103,11 +104,6 @@ def bends(flight: Flight) -> Array:
 def _segments(place: Array) -> Array:
     """Return the segments, shape (K, n - 1, 2, 2), of paths of shape (K, n, 2)."""
     return np.stack([place[:, :-1], place[:, 1:]], axis=2)
-
-
-def _at_surface(flight: Flight) -> NDArray[np.bool_]:
-    """Return a mask of the segments that end at the surface, shape (n - 1,); the start is exempt from constraints."""
-    return flight.depth[1:] <= DEPTH_TOLERANCE
 
 
 def _surfaced(segments: Array, depths: Array) -> Array:
@@ -200,20 +196,11 @@ def _clearance(
         )
         clear = np.full(count, np.inf)
         np.minimum.at(clear, flights[near], shapely.distance(ring.line, lines[near]))
-        overlap = (
-            shapely.difference(lines[inside], ring.area)
-            if ring.outside
-            else shapely.intersection(lines[inside], ring.area)
-        )
+        overlap = ring.forbidden(lines[inside])
         middle, crosses = segments[inside, 1].copy(), ~shapely.is_empty(overlap)
         middle[crosses] = shapely.get_coordinates(shapely.centroid(overlap[crosses]))
-        deepest = np.min(
-            [
-                ring.clearance(points)
-                for points in (segments[inside, 0], segments[inside, 1], middle)
-            ],
-            axis=0,
-        )
+        places = *segments[inside].swapaxes(0, 1), middle
+        deepest = np.min([ring.clearance(points) for points in places], axis=0)
         np.minimum.at(clear, flights[inside], np.minimum(deepest, 0.0))
         found[ring.name] = np.minimum(found.get(ring.name, clear), clear)
     return found

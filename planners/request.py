@@ -11,11 +11,11 @@ from time import monotonic
 import numpy as np
 
 from planners.hazards.areas import NoGo
-from planners.hazards.bottom import Bathymetry
+from planners.hazards.domain import Bathymetry
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.extensions import additions, is_objective, objective_names
+from replay_kit.core.extensions import additions, objective_names
 from replay_kit.core.plan import Place, PlanStatus
 
 
@@ -160,30 +160,17 @@ class MissionSettings:
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
-        if not isinstance(self.objective, Weights) and not is_objective(self.objective):
+        if not (isinstance(self.objective, Weights) or self.objective in objective_names()):
             raise PlanError(
                 f"a mission's objective is {self.objective!r}; expected one of {', '.join(objective_names())}, or weights"
             )
-        names = (
-            "depth",
-            "tolerance",
-            "legs",
-            "max_legs",
-            "max_duration",
-            "time_limit",
-            "battery",
-            "arrive_by",
-            "radius",
-        )
-        for name, value in {name: getattr(self, name) for name in names}.items():
-            if value is not None and not value > 0:
+        positive = ("depth", "tolerance", "legs", "max_legs", "max_duration", "time_limit")
+        for name in (*positive, "battery", "arrive_by", "radius"):
+            if (value := getattr(self, name)) is not None and not value > 0:
                 raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
         for name in ("yos", "surface_time", "margin", "clearance"):
-            if not getattr(self, name) >= 0.0:
-                raise PlanError(
-                    f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more"
-                )
-
+            if not (value := getattr(self, name)) >= 0.0:
+                raise PlanError(f"a mission's {name} is {value!r}; expected 0 or more")
         for name, ends in (("depths", self.depths), ("speeds", self.speeds)):
             if ends is not None and not 0.0 < ends[0] <= ends[1] < inf:
                 raise PlanError(f"a mission's {name} are {ends!r}; expected two increasing numbers")
@@ -342,6 +329,11 @@ class MissionPlan:
     message: str
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
     shape: Line | Mooring | None = None
+
+    def require_legs(self) -> None:
+        """Raise PlanError if the plan has no legs."""
+        if len(self.headings_deg) == 0:
+            raise PlanError(f"a mission without legs cannot be flown: {self.message}")
 
     @property
     def is_moored(self) -> bool:

@@ -9,8 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.hazards.areas import Ring, check_outside
-from planners.hazards.bottom import DEPTH_TOLERANCE, Bottom, bottom_of, fixed_rings
-from planners.hazards.domain import Region, locate, locate_all
+from planners.hazards.domain import (
+    DEPTH_TOLERANCE,
+    Bottom,
+    Region,
+    bottom_of,
+    fixed_rings,
+    locate,
+    locate_all,
+)
 from planners.request import Line, MissionRequest, MissionSettings, Mooring
 from planners.simulation.currents import Currents, Flow, currents_of
 from planners.vehicle import Glider

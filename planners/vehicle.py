@@ -98,10 +98,8 @@ class Glider:
                 "less than 90"
             )
         for name in ("speed", "pump_efficiency", "hotel", "max_depth"):
-            if not getattr(self, name) > 0.0:
-                raise PlanError(
-                    f"a glider's {name} is {getattr(self, name)!r}; expected a number above 0"
-                )
+            if not (value := getattr(self, name)) > 0.0:
+                raise PlanError(f"a glider's {name} is {value!r}; expected a number above 0")
         if not (self.volume >= 0.0 and self.thrust >= 0.0 and self.volume + self.thrust > 0.0):
             raise PlanError(
                 f"a glider's volume is {self.volume!r} and its thrust {self.thrust!r}; expected 0 or more, and one of them above 0"

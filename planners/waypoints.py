@@ -23,12 +23,11 @@ from planners.odds.mission import (
 )
 from planners.odds.steer import Route, steer
 from planners.request import MissionPlan, MissionRequest
-from planners.simulation.currents import Currents, Flow, Sample
+from planners.simulation.currents import Currents, Flow, Sample, first_of
 from planners.simulation.fly import DRIFT_STEPS, Flight, Flights
 from planners.task import Task
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.plan import Area
 
@@ -149,7 +148,7 @@ def _remembered(flow: Flow, task: Task, depth: float) -> Array:
         task: Mission, with its start.
         depth: Depth of the first dive [m].
     """
-    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    first = first_of(flow)
     found = np.array([[np.nan, np.nan], [0.0, 0.0]])
     if not first.n_modes:
         return found
@@ -175,12 +174,14 @@ def _best_radius(
 ) -> _List:
     """Return the waypoints with the acceptance radius of the best odds, the smallest among equals."""
     goal, found = plan.settings.radius or plan.settings.tolerance, list[tuple[float, _List]]()
+    # most of the plan's margin is kept from areas, less near a start or an end within it
+    near = (float(ring.clearance(places[[0, -1]]).min()) for ring in task.rings)
+    margin = np.clip(0.5 * min(near, default=np.inf), 0.0, _AS_FAR * plan.settings.margin)
     for times in _RADII:
         route = _route(plan, places, kept, times * goal)
         flown = steer(
             task, task.currents, replace(route, told=told), latest(plan.settings, plan.duration)
         )
-        margin = _margin(task, plan.settings.margin, places)
         crossed = (_violation(task, flown, k, margin) for k in range(len(told)))
         one = _List(kept, route, flown, next(filter(None, crossed), None))
         odds = odds_of(task, currents, route, latest(plan.settings, plan.duration))
@@ -228,14 +229,6 @@ def _route(plan: MissionPlan, places: Array, kept: tuple[int, ...], radius: floa
     )
 
 
-def _margin(task: Task, margin: float, places: Array) -> float:
-    """Return the required distance from areas [m]: most of the plan's margin, less near waypoints within it."""
-    least = min(
-        (float(ring.clearance(places[[0, -1]]).min()) for ring in task.rings), default=np.inf
-    )
-    return float(np.clip(0.5 * least, 0.0, _AS_FAR * margin))
-
-
 def _waypoints(
     task: Task, plan: MissionPlan, few: _List, places: Array, request: MissionRequest
 ) -> Waypoints:
@@ -244,7 +237,8 @@ def _waypoints(
     # having arrived it stays, while others go on
     ups = flights.ups[np.diff(flights.time[0, flights.ups], prepend=-1.0) > 0.0]
     surfaced = flights.place[0, ups]
-    off_track = float(np.max(_distance_to_legs(surfaced, places)))
+    off_legs = shapely.distance(shapely.LineString(places), shapely.points(surfaced))
+    off_track = float(np.max(off_legs))
     times = np.where(np.isfinite(flights.met[0]), flights.met[0], np.nan)
     off_end = float(np.min(np.linalg.norm(surfaced - places[-1], axis=1)))
     ended = flights.arrived[0] if few.serves else flights.time[0, ups[-1]]
@@ -318,8 +312,3 @@ def kept_surfacings(
             kept.add(middle)
             open_spans += [(begin, middle), (middle, end)]
     return tuple(sorted(kept - {0}))
-
-
-def _distance_to_legs(points: Array, corners: Array) -> Array:
-    """Return the distance of points, shape (n, 2), from a polyline with corners of shape (m, 2) [m]."""
-    return np.asarray(shapely.distance(shapely.LineString(corners), shapely.points(points)))

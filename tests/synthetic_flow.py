@@ -8,8 +8,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import DepthFunctions, HorizontalKernel, NodeKernel
-from replay_kit.core.flow.process import Process
-from replay_kit.core.flow.unknowns import Unknowns
+from replay_kit.core.flow.process import Process, Unknowns
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
 

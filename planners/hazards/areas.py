@@ -72,7 +72,6 @@ class Ring:
         outside: Whether its outside is forbidden instead of its inside.
         name: Name in messages.
         surface_only: Whether only surfacing is forbidden.
-        drawn: Whether the ring is a no-go area, not an edge of the water.
         holes: Corners of holes, each shape (n, 2) [m].
     """
 
@@ -80,7 +79,6 @@ class Ring:
     outside: bool
     name: str
     surface_only: bool = False
-    drawn: bool = False
     holes: tuple[Array, ...] = ()
 
     @cached_property
@@ -115,6 +113,10 @@ class Ring:
         """Return a mask of the points, shape (n, 2) [m], that the ring forbids."""
         return np.asarray(self.inside(points) != self.outside)
 
+    def forbidden(self, lines: Any) -> Any:
+        """Return the parts of lines that the ring forbids."""
+        return (shapely.difference if self.outside else shapely.intersection)(lines, self.area)
+
     def clearance(self, points: Array) -> Array:
         """Return the distance of points, shape (n, 2) [m], from the ring [m], negative for forbidden points."""
         distance = shapely.distance(self.line, shapely.points(points))
@@ -147,7 +149,6 @@ def no_go_rings(projection: Projection, area: NoGo) -> tuple[Ring, ...]:
             area.fence,
             area.name,
             area.surface_only and not area.fence,
-            drawn=not area.fence,
             holes=tuple(shapely.get_coordinates(hole)[:-1] for hole in part.interiors),
         )
         for part in parts
@@ -230,15 +231,9 @@ def first_crossing(
         )
         if bad.any():
             number = int(np.argmax(bad))
-            forbidden = (
-                shapely.difference(lines[number], ring.area)
-                if ring.outside
-                else shapely.intersection(lines[number], ring.area)
-            )
             begin, way = segments[number, 0], segments[number, 1] - segments[number, 0]
-            along = (
-                (shapely.get_coordinates(forbidden) - begin) @ way / max(float(way @ way), 1e-12)
-            )
+            at = shapely.get_coordinates(ring.forbidden(lines[number]))
+            along = (at - begin) @ way / max(float(way @ way), 1e-12)
             found.append((number, float(np.clip(np.min(along, initial=1.0), 0.0, 1.0)), ring.name))
     if not found:
         return None

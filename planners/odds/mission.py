@@ -5,7 +5,7 @@ headings yield the heading tolerance of each leg.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from math import inf
 
 import numpy as np
@@ -20,6 +20,7 @@ from planners.simulation.currents import (
     Sample,
     currents_of,
     currents_of_samples,
+    first_of,
     flows_of,
     graph_key,
     with_courses,
@@ -31,6 +32,7 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local
 from replay_kit.core.grid import Projection
+from replay_kit.core.surfacing import ellipse_of
 
 #: Time after which a glider has not arrived where no latest time is asked for, in the plan's.
 LATEST = 1.25
@@ -177,8 +179,7 @@ def odds_of(task: Task, currents: Currents, route: Route, deadline: float) -> Mi
 
 def task_of_plan(flow: Flow, plan: MissionPlan, request: MissionRequest) -> Task:
     """Return the task of a plan, in any flow."""
-    if len(plan.headings_deg) == 0:
-        raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
+    plan.require_legs()
     asked = replace(
         request,
         start=plan.start,
@@ -264,13 +265,10 @@ def ellipses_of(projection: Projection, places: Array) -> Array:
     # in the local frame: longitudes have no mean across the antimeridian
     centre = np.column_stack(to_geographic(projection, *np.mean(places, axis=0).T))
     turn = grid_bearing_of_true_north(projection, *centre.T)
-    ellipses = []
-    for k, of in enumerate(places.swapaxes(0, 1)):
-        values, vectors = np.linalg.eigh(np.cov(of.T))
-        minor, major = ellipse_factor(len(of)) * np.sqrt(np.maximum(values, 0.0))
-        bearing = np.rad2deg(np.arctan2(*vectors[:, 1]) - turn[k]) % 180.0
-        ellipses.append([*centre[k], major, minor, bearing])
-    return np.array(ellipses)
+    radius = ellipse_factor(len(places))
+    each = zip(centre, places.swapaxes(0, 1), turn, strict=True)
+    ellipses = [ellipse_of(x, y, np.cov(of.T), radius, by) for (x, y), of, by in each]
+    return np.array([astuple(one) for one in ellipses])
 
 
 def ellipse_factor(count: int) -> float:
@@ -355,7 +353,7 @@ def _below(currents: Currents, depth: float) -> Currents:
 
 
 def _flows_around(flow: Flow, samples: Sequence[Flow]) -> Currents:
-    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    first = first_of(flow)
     if not isinstance(samples[0], FlowEstimate):
         changing = currents_of_samples(samples)
         if graph_key(changing.flow) != graph_key(first):

@@ -16,8 +16,7 @@ from planners.odds.mission import (
 )
 from planners.plan import plan_mission, to_plan
 from planners.program.legs import AGAIN, as_passage, cut
-from planners.program.ranking import is_feasible
-from planners.program.solution import Solution, again
+from planners.program.solution import Solution, again, is_feasible
 from planners.program.starts import Search, search
 from planners.request import MissionPlan, MissionRequest
 from planners.simulation.currents import Currents, Flow, Sample

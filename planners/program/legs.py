@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from planners.program.graph import HOUR
 from planners.program.solution import Solution, Start
-from planners.program.water import HOUR
 from planners.route.current import Route
 from planners.route.passage import Passage
 from planners.task import LEAST_DIVE, Task

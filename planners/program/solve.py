@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from planners.program.graph import PLANES, Program, Shape, program
+from planners.program.graph import HOUR, KM, PLANES, Program, Shape, Water, program
 from planners.program.solution import Solution, Solved, Start, again, joined, judged
 from planners.program.walls import Segments, Walls
-from planners.program.water import HOUR, KM, Water
 from planners.request import Line, Mooring
 from planners.simulation.fly import COARSE, DRIFT_STEPS, TURN, Legs, Path, fly_leg
 from planners.task import Task
 from planners.vehicle import Glider
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, points_over
 from replay_kit.core.geodesy import true_north_halfway
 
 # Rounds at most; what legs end beside the program, added up, that is left in the last one: near walls, else, and of glides [m].
@@ -120,10 +119,9 @@ def segments_of(task: Task) -> int:
     """Return the number of segments per leg."""
     if task.is_glide:
         return _OF_GLIDE
-    kernel = task.flow.horizontal.kernel
     along = float(task.vehicle.speeds(np, task.shallowest_angle)[0])
     reach = (along + _speed_near(task)) * task.leg_time()
-    lengths = reach / min(kernel.length_east, kernel.length_north)
+    lengths = reach / task.flow.horizontal.kernel.lengths.min()
     below = bool(task.start[2] > 0.0 or np.any(task.goals[:, 2] > 0.0))
     return 1 if lengths < _ONE else 2 if lengths < _TWO or below else 4
 
@@ -132,7 +130,7 @@ def _speed_near(task: Task) -> float:
     """Return a high quantile of the level-mean current speed around start and goals [m/s]."""
     places = np.vstack([task.start[None], task.goals])[:, :2]
     axes = np.linspace(places.min(axis=0) - 2e4, places.max(axis=0) + 2e4, 15).T
-    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    points = points_over(*axes)
     velocity = task.flow.horizontal.velocity(points, task.currents_through()[1])
     by_time = velocity.reshape(2, len(points), -1, task.flow.levels.size).mean(axis=-1)
     return float(np.quantile(np.hypot(*by_time), 0.95))

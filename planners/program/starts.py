@@ -5,14 +5,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from planners.hazards.bottom import DEPTH_TOLERANCE
+from planners.hazards.domain import DEPTH_TOLERANCE
 from planners.program.legs import AGAIN, MOST_LEGS, as_passage, cut, cut_by_depth, straight
-from planners.program.ranking import (
+from planners.program.solution import (
+    Solution,
+    Start,
+    again,
     is_feasible,
     length_of,
     ranking,
+    staying,
 )
-from planners.program.solution import Solution, Start, again, staying
 from planners.program.solve import Solver
 from planners.request import Found, MissionPlan, Mooring
 from planners.route.bound import Bound, Limit, bound_of

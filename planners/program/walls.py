@@ -9,8 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from planners.hazards.areas import Ring
-from planners.program.graph import FAR, PLANES
-from planners.program.water import KM
+from planners.program.graph import FAR, KM, PLANES
 from replay_kit.core.arrays import Array
 
 # Distance within which a ring counts [m]; half-planes of a segment that are kept from round to round.
@@ -86,7 +85,9 @@ class Walls:
                     if depth == 0.0:
                         continue
                     begin, end = segments.chords[k]
-                    share = 1.0 if ring.surface_only else _share(segments.lines[k], at)
+                    line = shapely.LineString(segments.lines[k])
+                    share = shapely.line_locate_point(line, shapely.Point(at), normalized=True)
+                    share = 1.0 if ring.surface_only else float(share)
                     bend = at - begin - share * (end - begin)
                     if straight:
                         bend = np.zeros(2)
@@ -148,10 +149,3 @@ def _touched(
                 at = nearest - beside[farthest] * left
         found.append((True, at, nearest))
     return found
-
-
-def _share(line: Array, at: Array) -> float:
-    """Return the fraction of a line's length at which it passes a point."""
-    return float(
-        shapely.line_locate_point(shapely.LineString(line), shapely.Point(at), normalized=True)
-    )

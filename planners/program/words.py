@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from planners.program.ranking import deviation, lacking_energy, overtime
-from planners.program.solution import Solution
+from planners.program.solution import Solution, deviation, lacking_energy, overtime
 from planners.program.starts import Answer
 from planners.request import Line, MissionPlan, Mooring
 from planners.task import Task

@@ -20,11 +20,9 @@ import numpy as np
 from planners.route.current import Complex, CurrentLattice, shares_of_levels
 from planners.route.front import Front, sea_of, spread
 from planners.route.obstacles import as_complex, directions_around, obstacles_of
-from planners.route.passage import MeanCurrent, mean_current
-from planners.route.relax import relax
+from planners.route.passage import MeanCurrent, mean_current, relax
 from planners.task import LEAST_DIVE, Task, YoDepths, yo_depths
-from replay_kit.core.arrays import Array
-from replay_kit.core.flow.functions import depth_weights
+from replay_kit.core.arrays import Array, points_over
 
 # What a bound is multiplied by, for the error of the lattice against Zermelo's rays: in currents up to a share of the vehicle's speed on
 # the way, where the rays were 0.12 % before the front at most, in faster ones, 0.7 %, and in strong ones.
@@ -93,7 +91,7 @@ def bound_of(task: Task) -> tuple[MeanCurrent, Bound]:
     discs = [
         _disc(complex(place), float(radius)) for place, radius in zip(places, radii, strict=True)
     ]
-    obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, places)
+    obstacles = obstacles_of(task.solid(LEAST_DIVE), 0.0, places)
     sea = sea_of(water.current, lead.speed, np.concatenate(discs), obstacles, waits=True)
     ends = water.current.places.size + np.cumsum([0, *(disc.size for disc in discs)])
     until = task.settings.max_duration / _STRONG_ERROR
@@ -156,15 +154,12 @@ def _second_order(task: Task) -> float:
     root mean square at most (Wirtinger's inequality), to where w differs by some w / l, l the kernel length: w^2 t / (2 pi l) in the mean.
     The largest w around start and goals, in the forecast's region, counts, at any time of the mission.
     """
-    flow = task.flow
-    drift = task.settings.surface_time
-    by_level = _by_level(task)
+    drift, by_level = task.settings.surface_time, _by_level(task)
     dive = (task.leg_time() - drift) / task.settings.yos + drift
-    shares = shares_of_levels(flow, task.settings.depth, drift / task.leg_time())
+    shares = shares_of_levels(task.currents, task.settings.depth, drift / task.leg_time())
     deviation = by_level - (by_level @ shares)[..., None]
     largest = float(np.max(np.sum(deviation**2, axis=0) @ np.maximum(shares, 0.0)))
-    kernel = flow.horizontal.kernel
-    return dive * largest / (2.0 * np.pi * min(kernel.length_east, kernel.length_north))
+    return dive * largest / (2.0 * np.pi * float(task.flow.horizontal.kernel.lengths.min()))
 
 
 def _by_level(task: Task) -> Array:
@@ -211,47 +206,32 @@ def currents_around(task: Task, latent: Array) -> Array:
         task: Mission.
         latent: Latent values, shape (M, Z T), all levels of the first time first.
     """
-    flow = task.flow
-    kernel, ends = flow.horizontal.kernel, np.vstack([task.start, task.goals])[:, :2]
-    lengths = np.array([kernel.length_east, kernel.length_north])
+    flow, ends = task.flow, np.vstack([task.start, task.goals])[:, :2]
+    lengths = flow.horizontal.kernel.lengths
     # beyond its region the flow is no estimate of a current
-    corners = np.array(
-        [[pick(axis) for axis in (flow.grid.east, flow.grid.north)] for pick in (np.min, np.max)]
-    )
     low, high = np.clip(
-        [ends.min(axis=0) - _AROUND * lengths, ends.max(axis=0) + _AROUND * lengths], *corners
+        [ends.min(axis=0) - _AROUND * lengths, ends.max(axis=0) + _AROUND * lengths],
+        *flow.grid.ends,
     )
     counts = np.ceil((high - low) / lengths * _SAMPLES).astype(int) + 1
-    points = np.stack(
-        np.meshgrid(*(np.linspace(low[i], high[i], counts[i]) for i in (0, 1))), axis=-1
-    ).reshape(-1, 2)
+    points = points_over(*(np.linspace(*of) for of in zip(low, high, counts, strict=True)))
     return np.asarray(flow.horizontal.velocity(points, latent)).reshape(2, -1, flow.levels.size)
 
 
 def _ways(task: Task, by_level: Array, leg: YoDepths, drift: float) -> tuple[Array, Array]:
     """Return the largest displacements relative to the mean current [m] of a leg and a drift [s], and durations [s], by glide angle."""
-    flow, whole = task.flow, task.settings.surface_time
+    currents, whole = task.currents, task.settings.surface_time
     along, down = task.vehicle.speeds(np, np.linspace(*task.vehicle.angles, _ANGLES))
-    dives, heights = zip(
-        *((_mean_weights(task, begin, end), abs(end - begin)) for begin, end in pairwise(leg)),
-        strict=True,
-    )
+    ends = list(pairwise(leg))
+    heights = [abs(end - begin) for begin, end in ends]
+    dives = [currents.weights(np.linspace(*both, _DEPTHS)).mean(axis=0) for both in ends]
     lasts = sum(heights) / np.asarray(down)
     own = np.average(dives, axis=0, weights=heights)
-    surface = depth_weights(flow.depth_functions, np.zeros(1), flow.levels)[0]
-    mean = shares_of_levels(flow, task.settings.depth, whole / task.leg_time())
+    surface = currents.weights(np.zeros(1))[0]
+    mean = shares_of_levels(currents, task.settings.depth, whole / task.leg_time())
     weights = lasts[:, None] * own + drift * surface - (lasts + drift)[:, None] * mean
     beside = np.linalg.norm(by_level @ weights.T, axis=0).max(axis=0)
     return np.asarray(along * lasts + beside), lasts + drift
-
-
-def _mean_weights(task: Task, begin: float, end: float) -> Array:
-    """Return the weights of levels in the mean between two depths [m], shape (Z,)."""
-    return np.asarray(
-        depth_weights(
-            task.flow.depth_functions, np.linspace(begin, end, _DEPTHS), task.flow.levels
-        ).mean(axis=0)
-    )
 
 
 def _down_to(leg: YoDepths, depth: float) -> list[YoDepths]:
@@ -287,7 +267,7 @@ def limit_of(task: Task, current: CurrentLattice, speed: float, goal: int) -> Li
         goal: Number of the goal, from 0.
     """
     still = replace(current, times=np.zeros(1), values=np.zeros_like(current.values[:1]))
-    obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, task.places)
+    obstacles = obstacles_of(task.solid(LEAST_DIVE), 0.0, task.places)
     sea, now = sea_of(still, speed, task.places[: goal + 2], obstacles), np.zeros(1)
     for number in current.places.size + np.arange(goal + 1):
         now = spread(sea, np.array([number]), now, inf, np.array([number + 1])).times[[number + 1]]

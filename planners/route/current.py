@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from planners.simulation.currents import Currents
+from replay_kit.core.arrays import Array, points_over
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.functions import depth_weights
 
 Complex = NDArray[np.complex128]
 
@@ -89,11 +89,8 @@ def _between(
 
 def spacing_over(flow: FlowEstimate) -> float:
     """Return the spacing of a lattice over a flow's region [m], limited by the kernel length."""
-    grid, kernel = flow.grid, flow.horizontal.kernel
-    area = float(np.ptp(grid.east) * np.ptp(grid.north))
-    return max(
-        float(np.sqrt(area / _POINTS)), min(kernel.length_east, kernel.length_north) / _LINES
-    )
+    area = float(np.ptp(flow.grid.east) * np.ptp(flow.grid.north))
+    return float(max(np.sqrt(area / _POINTS), flow.horizontal.kernel.lengths.min() / _LINES))
 
 
 def current_lattice(
@@ -108,22 +105,14 @@ def current_lattice(
         spacing: Spacing of the lattice [m].
         by_depth: Weight of each level in the mean, shape (Z,).
     """
-    grid, kernel = flow.grid, flow.horizontal.kernel
-    low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
+    low, high = flow.grid.ends
     intervals = np.maximum(np.ceil((high - low) / spacing - 1e-9).astype(int), 1)
     mean = np.stack([part @ by_depth for part in np.split(latent, times.size, axis=1)], axis=1)
-    coarse = np.maximum(
-        np.ceil((high - low) / [kernel.length_east, kernel.length_north] * _PER_LENGTH).astype(int)
-        + 1,
-        4,
-    )
-    at = [
-        np.linspace(low[axis], low[axis] + spacing * intervals[axis], coarse[axis])
-        for axis in (0, 1)
-    ]
-    points = np.stack(np.meshgrid(*at), axis=-1).reshape(-1, 2)
+    lengths = flow.horizontal.kernel.lengths
+    coarse = np.maximum(np.ceil((high - low) / lengths * _PER_LENGTH).astype(int) + 1, 4)
+    at = [np.linspace(*of) for of in zip(low, low + spacing * intervals, coarse, strict=True)]
     table = (
-        flow.horizontal.velocity(points, mean)
+        flow.horizontal.velocity(points_over(*at), mean)
         .reshape(2, coarse[1], coarse[0], times.size)
         .transpose(0, 3, 1, 2)
     )
@@ -152,15 +141,10 @@ def _splines(count: int, finer: int) -> Array:
     return np.asarray(values + share * (first + share * (turn + share * bend)))
 
 
-def shares_of_levels(flow: FlowEstimate, depth: float, drift_share: float) -> Array:
+def shares_of_levels(currents: Currents, depth: float, drift_share: float) -> Array:
     """Return the weights of levels, shape (Z,), in the mean over dives to a depth [m] and a fraction of drift time."""
-    dive = depth_weights(flow.depth_functions, np.linspace(0.0, depth, 101), flow.levels).mean(
-        axis=0
-    )
-    return np.asarray(
-        (1.0 - drift_share) * dive
-        + drift_share * depth_weights(flow.depth_functions, np.zeros(1), flow.levels)[0]
-    )
+    dive = currents.weights(np.linspace(0.0, depth, 101)).mean(axis=0)
+    return np.asarray((1.0 - drift_share) * dive + drift_share * currents.weights(np.zeros(1))[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

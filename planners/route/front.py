@@ -61,10 +61,10 @@ class Sea:
     waits: bool
     fastest: float
 
-    @property
-    def piece(self) -> float:
-        """Largest length of an edge piece with a uniform current [m]."""
-        return _PIECE * self.current.spacing
+    def durations(self, begin: Complex, end: Complex, depart: Array) -> Array:
+        """Return the durations of edges, shape (n,) [s], see ``edge_durations``."""
+        piece = _PIECE * self.current.spacing
+        return edge_durations(self.current, self.speed, begin, end, depart, piece)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,9 +143,7 @@ class Front:
             away[begin], 1e-9
         )
         depart = self.times[begin]
-        arrive = depart + edge_durations(
-            sea.current, sea.speed, sea.places[begin], end, depart, sea.piece
-        )
+        arrive = depart + sea.durations(sea.places[begin], end, depart)
         open_ = np.flatnonzero(arrive <= until)
         if sea.obstacles is not None:
             open_ = open_[~sea.obstacles.crossed(sea.places[begin[open_]], end[open_])]
@@ -293,9 +291,7 @@ def _spread_from(
     # no edge is quicker than along the fastest current
     useful = sea.free[end] & (depart + way / sea.fastest < times[end])
     begin, end, depart = begin[useful], end[useful], depart[useful]
-    arrive = depart + edge_durations(
-        sea.current, sea.speed, sea.places[begin], sea.places[end], depart, sea.piece
-    )
+    arrive = depart + sea.durations(sea.places[begin], sea.places[end], depart)
     useful = arrive < times[end]
     begin, end, arrive = begin[useful], end[useful], arrive[useful]
     if sea.obstacles is not None:

@@ -11,8 +11,12 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.functions import DepthFunctions, NodeKernel, depth_weights
-from replay_kit.core.flow.lattice import StreamFunctionLattice
+from replay_kit.core.flow.functions import (
+    DepthFunctions,
+    NodeKernel,
+    StreamFunctionLattice,
+    depth_weights,
+)
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.grid import Projection
@@ -195,6 +199,11 @@ def graph_key(flow: FlowEstimate) -> tuple[Hashable, bytes, DepthFunctions, Proj
         flow.depth_functions,
         flow.grid.projection,
     )
+
+
+def first_of(flow: Flow) -> FlowEstimate:
+    """Return an estimate, or the first of estimates at increasing times."""
+    return flow if isinstance(flow, FlowEstimate) else flow[0]
 
 
 def currents_of(flow: Flow) -> Currents:

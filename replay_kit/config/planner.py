@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from replay_kit.config.file import Count, NotNegative, Positive, Section
 from replay_kit.config.option import Option
 from replay_kit.core.as_flown import AsFlown
-from replay_kit.core.extensions import ObjectiveName, is_objective, objective_names
+from replay_kit.core.extensions import ObjectiveName, objective_names
 
 # Of a vehicle that is not known to have dived: m/s, m; and glide angles in degrees.
 _SPEED, _DEPTH = 0.3, 500.0
@@ -18,7 +18,7 @@ _MIN_ANGLE, _MAX_ANGLE = 15.0, 35.0
 
 
 def _known_objective(name: str) -> str:
-    if not is_objective(name):
+    if name not in objective_names():
         raise ValueError(f"expected one of {', '.join(objective_names())}, got '{name}'")
     return name
 

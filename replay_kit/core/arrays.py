@@ -31,6 +31,11 @@ def every(holds: Any) -> Mask:
     return np.asarray(reduce(and_, np.moveaxis(holds, -1, 0)))
 
 
+def points_over(*axes: Array) -> Array:
+    """Return the points of a regular grid, shape (n, 2), the first of two axes varying fastest."""
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+
+
 def large_array(shape: tuple[int, ...], dtype: np.dtype[np.floating]) -> Values:
     """Return an array to be filled, in memory up to ``IN_MEMORY``, else in a temporary file that vanishes with it.
 

@@ -91,11 +91,6 @@ def _words(point: "EntryPoint") -> str:
 ObjectiveName = Literal["time", "energy", "odds", "closest"]
 
 
-def is_objective(name: str) -> bool:
-    """Return whether an objective of this name exists."""
-    return name in objective_names()
-
-
 def objective_names() -> tuple[str, ...]:
     """Return the names of all objectives: the project's own, then additions."""
     return (*get_args(ObjectiveName), *names_of("objectives"))

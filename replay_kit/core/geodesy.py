@@ -284,7 +284,11 @@ def _points(grid: Grid, wet: bool) -> Callable[[Array], Any]:
 
 def outline(grid: Grid) -> Array:
     """Return the boundary points of the grid, shape (n, 2) [m], local east and north, the first not repeated."""
-    points = np.stack([grid.east, grid.north], axis=-1)
+    return border(np.stack([grid.east, grid.north], axis=-1))
+
+
+def border(points: Array) -> Array:
+    """Return the outermost of points, shape (J, I, 2), one after the other, shape (n, 2), the first not repeated."""
     return np.concatenate([points[0, :-1], points[:-1, -1], points[-1, :0:-1], points[:0:-1, 0]])
 
 

@@ -57,6 +57,11 @@ class Grid:
         top = self.wet[0]
         return np.column_stack([self.east[top], self.north[top]])
 
+    @property
+    def ends(self) -> Array:
+        """Least and greatest east and north of the points, shape (2, 2) [m]."""
+        return np.array([[pick(self.east), pick(self.north)] for pick in (np.min, np.max)])
+
     def steps(self, axis: int) -> Array:
         """Return the distances [m] between neighbours along an axis, shape (J - 1, I) or (J, I - 1)."""
         return np.hypot(np.diff(self.east, axis=axis), np.diff(self.north, axis=axis))

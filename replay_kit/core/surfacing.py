@@ -74,14 +74,15 @@ class Ellipse:
         return np.column_stack([east, north + along * cos(bearing) - across * sin(bearing)])
 
 
+#: Names of an ellipse's numbers, in order, in the record of a leg.
+ON_LEG = tuple(
+    f"ellipse_{name}" for name in ("longitude", "latitude", "major_m", "minor_m", "bearing_deg")
+)
+
+
 def planned_ellipses(legs: Sequence[Mapping[str, float]]) -> list[Ellipse]:
     """Return the ellipses of a plan's surfacings, of legs that have one."""
-    names = ("longitude", "latitude", "major_m", "minor_m", "bearing_deg")
-    return [
-        Ellipse(*(leg[f"ellipse_{name}"] for name in names))
-        for leg in legs
-        if "ellipse_major_m" in leg
-    ]
+    return [Ellipse(*(leg[name] for name in ON_LEG)) for leg in legs if ON_LEG[2] in leg]
 
 
 @dataclass(frozen=True, slots=True)
@@ -358,18 +359,21 @@ def forecast_place(start: Fix, seconds: float, velocity: Array) -> tuple[float, 
     return float(longitude), float(latitude)
 
 
-def ellipse_of(longitude: float, latitude: float, cov: Array, radius: float) -> Ellipse:
+def ellipse_of(
+    longitude: float, latitude: float, cov: Array, radius: float, turn: float = 0.0
+) -> Ellipse:
     """Return the ellipse of a covariance about a position.
 
     Args:
         longitude: Centre [degrees east].
         latitude: Centre [degrees north].
-        cov: shape (2, 2) [m^2], true east and north.
+        cov: shape (2, 2) [m^2], true east and north, or axes from which true north is turned.
         radius: Semi-axes in standard deviations.
+        turn: Bearing of true north in the axes of the covariance [rad].
     """
     values, vectors = np.linalg.eigh(cov)
     minor, major = radius * np.sqrt(np.maximum(values, 0.0))
-    bearing = float(np.rad2deg(np.arctan2(vectors[0, 1], vectors[1, 1]))) % 180.0
+    bearing = float(np.rad2deg(np.arctan2(*vectors[:, 1]) - turn)) % 180.0
     return Ellipse(longitude, latitude, float(major), float(minor), bearing)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.unknowns import Unknowns
+from replay_kit.core.flow.process import Unknowns
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.interface import Estimator, Stepped

@@ -24,8 +24,17 @@ from replay_kit.core.observation import (
     Source,
     VehicleState,
 )
-from replay_kit.core.observation.block import LINEAR, MEAN, PING, Block
-from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
+from replay_kit.core.observation.table import (
+    LINEAR,
+    MEAN,
+    PING,
+    Block,
+    Columns,
+    Integers,
+    Rows,
+    Table,
+    chosen,
+)
 from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.instruments import Open, lost
 from replay_kit.logs.tables.schemas import tables_of

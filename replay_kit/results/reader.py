@@ -292,6 +292,6 @@ def check_result(reader: ResultReader) -> None:
 def _estimate(path: Path, held: Attachment) -> "FlowEstimate":
     """Return the estimate in an attachment."""
     # here, because a status needs none of what holds an estimate
-    from replay_kit.core.flow.compact import unpack
+    from replay_kit.core.flow.file import unpack
 
     return unpack(held.data, f"{path}#{held.name}")

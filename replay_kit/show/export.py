@@ -168,7 +168,7 @@ def export(
     tables = {name: _of_all(name, contents, places) for name in names}
     if ending == ".nc":
         # loads xarray
-        from replay_kit.core.flow.cf import write_dataset
+        from replay_kit.core.flow.dataset import write_dataset
 
         write_dataset(to_dataset(tables, contents), path)
     else:
@@ -217,7 +217,7 @@ def to_dataset(tables: Mapping[str, pd.DataFrame], contents: Contents) -> "xr.Da
     """
     import xarray as xr
 
-    from replay_kit.core.flow.cf import described
+    from replay_kit.core.flow.dataset import described
 
     attrs = {
         "local_frame": "Components of innovations are along the axes of the local frame (azimuthal equidistant, WGS84); others are true.",

@@ -31,7 +31,7 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import PathMean
-from replay_kit.core.observation.block import PING, Block
+from replay_kit.core.observation.table import PING, Block
 from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log

@@ -10,7 +10,7 @@ from planners import MissionRequest, MissionSettings, NoGo, plan_mission
 from planners.route.current import CurrentLattice, current_lattice, shares_of_levels, spacing_over
 from planners.route.front import sea_of, spread
 from planners.route.obstacles import as_complex
-from planners.route.relax import relax
+from planners.route.passage import relax
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

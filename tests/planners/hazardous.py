@@ -9,7 +9,7 @@ import shapely
 from scipy.interpolate import RegularGridInterpolator
 
 from planners import Bathymetry, MissionPlan, MissionRequest, MissionSettings, NoGo, Waypoints
-from planners.output.waypoints import waypoint_text
+from planners.output import waypoint_text
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local

@@ -10,13 +10,13 @@ from planners import (
     MissionRequest,
     MissionSettings,
     Mooring,
+    fly_mission,
     mission_odds,
     next_surfacing,
     plan_by_odds,
     plan_mission,
     with_odds,
 )
-from planners.odds.flights import fly_mission
 from planners.odds.mission import currents_of_estimate
 from planners.odds.rank import most_violations_allowed, passes_binomial_test
 from replay_kit.core.errors import PlanError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, closest_approach, plan_mission
-from planners.program.water import HOUR, KM, Water
+from planners.program.graph import HOUR, KM, Water
 from planners.task import task_of
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import (

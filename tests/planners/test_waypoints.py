@@ -11,7 +11,7 @@ import pytest
 
 from planners import MissionSettings, plan_mission, waypoints_of
 from planners.hazards.areas import no_go_rings
-from planners.output.waypoints import waypoint_text
+from planners.output import waypoint_text
 from planners.waypoints import kept_surfacings
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local

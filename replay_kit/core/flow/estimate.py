@@ -34,12 +34,16 @@ from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.files.atomic import write_whole
 from replay_kit.core.files.paths import as_path
-from replay_kit.core.flow.evaluation import checked_depth, over_places, with_potential
-from replay_kit.core.flow.functions import DepthFunctions, depth_weights
-from replay_kit.core.flow.lattice import HorizontalFunctions
+from replay_kit.core.flow.functions import (
+    DepthFunctions,
+    HorizontalFunctions,
+    checked_depth,
+    depth_weights,
+    over_places,
+    with_potential,
+)
 from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
-from replay_kit.core.flow.process import Process
-from replay_kit.core.flow.unknowns import Unknowns
+from replay_kit.core.flow.process import Process, Unknowns
 from replay_kit.core.geodesy import inside_grid, nearest, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 from replay_kit.core.words.text import time_text

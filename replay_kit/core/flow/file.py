@@ -1,9 +1,16 @@
-"""Lossless NetCDF form of a flow: its arrays, bit for bit, by one table, with metadata after CF-1.8.
+"""Forms of a flow in files: its arrays by one table, in NetCDF without loss, and compact in a result.
 
-CF-1.8 has no 64-bit integers, and float64 seconds since 1970 do not resolve nanoseconds. Times are in float64 seconds, and exact in the
-attribute ``nanoseconds_since_1970``, as decimal digits.
+CF-1.8, whose metadata the lossless form has, knows no 64-bit integers, and float64 seconds since 1970 do not resolve nanoseconds. Times are
+in such seconds, and exact in the attribute ``nanoseconds_since_1970``, as decimal digits. The file ends with the SHA-256 of all bytes
+before it (the seal), which other readers of NetCDF ignore.
 
-The file ends with the SHA-256 of all bytes before it (the seal), which other readers of NetCDF ignore.
+The compact form has the modes and the unknowns' patterns in float32, and of the covariance P the directions V of all variances M that
+differ from the prior's 1 by more than 1e-6:
+
+    P = I - V (I - M) V',    V' V = I,    M diagonal.
+
+A pattern that is a product of a depth function and modes is stored as its factors. All other arrays are unchanged, and the velocity at the
+estimate's time is exact.
 """
 
 from __future__ import annotations
@@ -27,17 +34,17 @@ from replay_kit.core.files.inputs import (
     plain_attribute,
 )
 from replay_kit.core.files.paths import as_path
-from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, described, netcdf_bytes
+from replay_kit.core.flow.dataset import CF_TIME, LEAP_SECONDS, described, netcdf_bytes
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import (
     DepthFunctions,
+    HorizontalFunctions,
     HorizontalKernel,
     NodeKernel,
+    StreamFunctionLattice,
 )
-from replay_kit.core.flow.lattice import HorizontalFunctions, StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
-from replay_kit.core.flow.process import Process
-from replay_kit.core.flow.unknowns import Unknowns
+from replay_kit.core.flow.process import Process, Unknowns
 from replay_kit.core.grid import Grid, Projection
 
 if TYPE_CHECKING:
@@ -48,10 +55,7 @@ FORMAT, FORMAT_VERSION = "replay_kit.FlowEstimate", 7
 # a flow without uncertainty has the same form there
 _EARLIER = 6
 _EXACT_TIME = "nanoseconds_since_1970"
-_KINDS: dict[str, type] = {
-    "node kernel": NodeKernel,
-    "stream function lattice": StreamFunctionLattice,
-}
+_KINDS = {"node kernel": NodeKernel, "stream function lattice": StreamFunctionLattice}
 
 #: Variables: name, what of the flow it holds, dimensions, unit and meaning; and attributes: numbers, texts, and times as decimal digits.
 #: Those that a flow has not, or that are empty, are left out.
@@ -231,9 +235,8 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
         with h5py.File(io.BytesIO(data if content is None else content)) as file:
             attrs = _attributes(file)
             kind, version = (attrs.get(f"replay_kit_format{part}") for part in ("", "_version"))
-            if kind == FORMAT and (
-                version == FORMAT_VERSION or (version == _EARLIER and "modes" not in file)
-            ):
+            earlier = version == _EARLIER and "modes" not in file
+            if kind == FORMAT and (version == FORMAT_VERSION or earlier):
                 if content is None:
                     raise ValueError(
                         "its checksum is missing: it was cut, or written by another program"
@@ -345,3 +348,103 @@ def _horizontal(kind: str, of: Callable[[str], dict[str, Any]]) -> HorizontalFun
         tuple(of(f"horizontal.{part}").values()) for part in ("origin", "spacing", "shape")
     )
     return StreamFunctionLattice(kernel, origin, spacing, (int(shape[0]), int(shape[1])))
+
+
+# Largest difference of a variance from the prior's that counts for nothing, and of a product from a pattern, of the pattern.
+_VARIANCE, _PRODUCT = 1e-6, 1e-9
+_COVARIANCE, _FIXED = "unknowns_covariance", "fixed"
+
+
+def pack(flow: FlowEstimate) -> bytes:
+    """Return a flow as the bytes of an archive of arrays (``.npz``); equal flows give equal bytes."""
+    arrays = {
+        name: np.asarray(value)
+        for name, names, *_ in FIELDS
+        if (value := held(flow, names)) is not None and np.size(value)
+    }
+    arrays["horizontal_functions"] = np.array(kind_of(flow))
+    arrays["about"] = np.array(json.dumps(dict(flow.about)))
+    if flow.span_ns is not None:
+        arrays["data_span"] = np.array("{} {}".format(*flow.span_ns))
+    if _COVARIANCE in arrays:
+        arrays["variances"], arrays["directions"] = _eigen_parts(arrays.pop(_COVARIANCE))
+    if _FIXED in arrays:
+        arrays |= _factors(arrays.pop(_FIXED))
+    for name in {"modes", "moving", "directions", _FIXED, "fixed_modes"} & arrays.keys():
+        arrays[name] = arrays[name].astype(np.float32)
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # type: ignore[arg-type]  # names of arrays, not of options
+    return file.getvalue()
+
+
+def unpack(data: bytes, name: str) -> FlowEstimate:
+    """Return the flow of the bytes of ``pack``.
+
+    Args:
+        data: Bytes of ``pack``.
+        name: Name of the data in errors.
+
+    Raises:
+        ForecastError: The data are damaged or of another kind.
+    """
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            arrays = {
+                key: each.astype(np.float64) if each.dtype == np.float32 else each
+                for key, each in file.items()
+            }
+        if "variances" in arrays:
+            # float32 left the directions nearly orthogonal
+            orthogonal, _ = np.linalg.qr(arrays["directions"])
+            p = np.eye(len(orthogonal)) - orthogonal * (1.0 - arrays["variances"]) @ orthogonal.T
+            arrays[_COVARIANCE] = (p + p.T) / 2.0
+        if "fixed_modes" in arrays:
+            arrays[_FIXED] = arrays["fixed_depths"][..., None] * arrays["fixed_modes"][:, None]
+        attributes = {
+            "horizontal_functions": arrays["horizontal_functions"].item(),
+            "replay_kit_about": arrays["about"].item(),
+        }
+        if "data_span" in arrays:
+            attributes["data_span"] = arrays["data_span"].item()
+        found = {
+            names: arrays[key] if arrays[key].ndim else arrays[key].item()
+            for key, names, *_ in FIELDS
+            if key in arrays
+        }
+        return flow_of(attributes, found)
+    # what damaged bytes lead to has no end
+    except Exception as error:
+        raise ForecastError(
+            f"{name}: expected an estimate of a result, but it is not one, or is damaged: {error}; replay the log again"
+        ) from error
+
+
+def _eigen_parts(p: Array) -> tuple[Array, Array]:
+    """Return M, shape (n,), and V, shape (k, n), of a covariance."""
+    less = np.eye(len(p)) - p
+    # loads slowly, and what reads an estimate needs none
+    from scipy.linalg.lapack import dpstrf
+
+    lower, pivots, rank, _ = dpstrf(less, tol=1e-13, lower=1)
+    factor = np.zeros((len(p), rank))
+    factor[pivots - 1] = np.tril(lower)[:, :rank]
+    if np.abs(less - factor @ factor.T).max(initial=0.0) > _VARIANCE**2:
+        # some variance is larger than the prior's
+        values, vectors = np.linalg.eigh(less)
+    else:
+        values, turned = np.linalg.eigh(factor.T @ factor)
+        vectors = factor @ turned / np.sqrt(np.maximum(values, 1e-300))
+    kept = np.abs(values) > _VARIANCE
+    return 1.0 - values[kept], vectors[:, kept]
+
+
+def _factors(patterns: Array) -> dict[str, Array]:
+    """Return patterns, shape (B, K, r), by their stored names: as factors if all are products."""
+    rows, largest = np.arange(len(patterns)), np.abs(patterns).max(axis=2).argmax(axis=1)
+    of_modes = patterns[rows, largest]
+    norm = np.maximum(np.sum(of_modes**2, axis=1), 1e-300)
+    depths = np.einsum("bkr,br->bk", patterns, of_modes) / norm[:, None]
+    apart = np.abs(patterns - depths[..., None] * of_modes[:, None]).max()
+    if apart > _PRODUCT * np.abs(patterns).max():
+        return {_FIXED: patterns}
+    return {"fixed_depths": depths, "fixed_modes": of_modes}

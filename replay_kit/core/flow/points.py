@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from replay_kit.core.arrays import Array, Mask, Times
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evaluation import checked_depth
+from replay_kit.core.flow.functions import checked_depth
 from replay_kit.core.geodesy import inside_grid, nearest, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.words.quantities import to_time_ns

@@ -5,7 +5,8 @@ scipy is imported only where a score is computed, so that results can be read wi
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from operator import add
 
 import numpy as np
 
@@ -55,11 +56,7 @@ class BlockEvidence:
 
     def __add__(self, other: "BlockEvidence") -> "BlockEvidence":
         """Return the sums of two blocks."""
-        return BlockEvidence(
-            self.log_density + other.log_density,
-            self.values + other.values,
-            self.measurements + other.measurements,
-        )
+        return BlockEvidence(*map(add, astuple(self), astuple(other)))
 
     @property
     def log_evidence(self) -> float:

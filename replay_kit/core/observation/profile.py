@@ -200,7 +200,7 @@ class Observation:
         return f"Observation {where}: {bins}\n  u {u}, v {v}, {error}"
 
 
-#: Columns of profiles that an estimator looks at, as of ``core.block.Block``: of the whole profile, and of its bins.
+#: Columns of profiles that an estimator looks at, as of ``core.observation.table.Block``: of the whole profile, and of its bins.
 PROFILE = (
     *("time", "input", "topic", "ordinal", "dive", "longitude", "latitude", "position_std"),
     *("common_std", "correlation_depth", "platform"),

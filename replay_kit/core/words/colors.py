@@ -4,30 +4,36 @@ The scales are those of cmocean (Thyng et al., 2016, "True colors of oceanograph
 steps; ``speed`` is its ``ice`` reversed. The package itself is no dependency: it needs functions that matplotlib 3.13 removed.
 """
 
-#: By role, on a light page and on paper that a page is printed on; also of exported files.
-LIGHT = {
-    **{"one": "#00618f", "two": "#b8500f", "three": "#5b6b78", "four": "#8a2c6a"},
-    **{"ink": "#1b2530", "soft": "#55636f", "land": "#c9c4ba", "paper": "#ffffff"},
-}
-#: On a dark page.
-DARK = {
-    **{"one": "#6db9e8", "two": "#f29a5c", "three": "#9fb0bd", "four": "#dc8cc0"},
-    **{"ink": "#e6edf3", "soft": "#a3b1bd", "land": "#4c4a45", "paper": "#11181f"},
-}
 #: Colours of lines that colour-blind readers tell apart too (Okabe and Ito, 2008): they differ in lightness.
 LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-#: In figures of a paper.
-PRINT = {
-    **dict(zip(("one", "two", "three", "four"), LINES, strict=False)),
-    **{"ink": "#111820", "soft": "#7f8890", "land": "#c9c5bd", "paper": "#ffffff"},
-}
+_ROLES = ("one", "two", "three", "four", "ink", "soft", "land", "paper")
+#: By role: on a light page, on paper that a page is printed on and in exported files; on a dark page; in figures of a paper.
+LIGHT, DARK, PRINT = (
+    dict(zip(_ROLES, row.split(), strict=True))
+    for row in (
+        "#00618f #b8500f #5b6b78 #8a2c6a #1b2530 #55636f #c9c4ba #ffffff",
+        "#6db9e8 #f29a5c #9fb0bd #dc8cc0 #e6edf3 #a3b1bd #4c4a45 #11181f",
+        f"{' '.join(LINES[:4])} #111820 #7f8890 #c9c5bd #ffffff",
+    )
+)
 #: Of areas to keep out of.
 NO_GO = "#aa2819"
 #: What stands for what, on maps, sections, in print, exports and layouts alike: colour by role or as it is, and symbol by plotly's name.
 SYMBOLS = {
-    **{"track": ("ink", "circle"), "vehicle": ("ink", "circle"), "fix": ("ink", "circle-open")},
-    **{"plan": ("two", "circle"), "goal": ("two", "cross"), "predicted": ("two", "diamond")},
-    **{"actual": ("ink", "x"), "no_go": (NO_GO, "square")},
+    name: (color, symbol)
+    for name, color, symbol in map(
+        str.split,
+        (
+            "track ink circle",
+            "vehicle ink circle",
+            "fix ink circle-open",
+            "plan two circle",
+            "goal two cross",
+            "predicted two diamond",
+            "actual ink x",
+            f"no_go {NO_GO} square",
+        ),
+    )
 }
 
 #: ``speed`` for magnitudes, ``speed-dark`` the same on a dark page, ``balance`` for signed values, ``amp`` for errors.

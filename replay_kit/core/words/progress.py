@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from itertools import count, starmap
@@ -19,14 +19,21 @@ def silent(done: float, total: float, what: str) -> None:
 _SHOWN: ContextVar[Progress] = ContextVar("progress", default=silent)
 
 
+Value = TypeVar("Value")
+
+
 @contextmanager
-def shown_by(progress: Progress) -> Iterator[None]:
-    """Report progress in this context to a function; results do not depend on it."""
-    token = _SHOWN.set(progress)
+def _set(variable: ContextVar[Value], value: Value) -> Iterator[None]:
+    token = variable.set(value)
     try:
         yield
     finally:
-        _SHOWN.reset(token)
+        variable.reset(token)
+
+
+def shown_by(progress: Progress) -> AbstractContextManager[None]:
+    """Report progress in this context to a function; results do not depend on it."""
+    return _set(_SHOWN, progress)
 
 
 def announce(what: str, done: float = 0, total: float = 0) -> None:
@@ -40,22 +47,15 @@ def counted(what: str, total: float) -> Callable[[], None]:
     return lambda: announce(what, next(done), total)
 
 
-Value = TypeVar("Value")
-
 #: As ``itertools.starmap``: a function and rows of its arguments in, its values out, in the order of the rows.
 Caller = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], Iterator[Any]]
 
 _CALLER: ContextVar[Caller] = ContextVar("caller", default=starmap)
 
 
-@contextmanager
-def called_by(caller: Caller) -> Iterator[None]:
+def called_by(caller: Caller) -> AbstractContextManager[None]:
     """Execute the calls of ``each_call`` in this context by another function, such as a pool's; results do not depend on it."""
-    token = _CALLER.set(caller)
-    try:
-        yield
-    finally:
-        _CALLER.reset(token)
+    return _set(_CALLER, caller)
 
 
 def each_call(function: Callable[..., Value], rows: Iterable[tuple[Any, ...]]) -> Iterator[Value]:

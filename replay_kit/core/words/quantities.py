@@ -22,13 +22,17 @@ CLOCKS = {"seconds": 10**9, "milliseconds": 10**6, "microseconds": 10**3}
 _SYMBOLS = {"m": 1.0, "km": 1e3, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048}
 _METRES = {"metre": 1.0, "kilometre": 1e3, "centimetre": 1e-2, "foot": 0.3048, "feet": 0.3048}
 _SECONDS = {
-    **dict.fromkeys(("s", "sec", "second"), 1.0),
-    **dict.fromkeys(("min", "minute"), 60.0),
-    **dict.fromkeys(("h", "hr", "hour"), 3600.0),
-    **dict.fromkeys(("d", "day"), 86_400.0),
-    **dict.fromkeys(("ms", "msec", "millisecond"), 1e-3),
-    **dict.fromkeys(("us", "microsecond"), 1e-6),
-    **dict.fromkeys(("ns", "nanosecond"), 1e-9),
+    name: factor
+    for names, factor in (
+        ("s sec second", 1.0),
+        ("min minute", 60.0),
+        ("h hr hour", 3600.0),
+        ("d day", 86_400.0),
+        ("ms msec millisecond", 1e-3),
+        ("us microsecond", 1e-6),
+        ("ns nanosecond", 1e-9),
+    )
+    for name in names.split()
 }
 _DECIBARS = {"dbar": 1.0, "decibar": 1.0, "bar": 10.0, "mbar": 0.01}
 _DECIBARS |= {"pa": 1e-4, "hpa": 0.01, "kpa": 0.1}

@@ -20,8 +20,13 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.functions import NodeKernel, velocity_kernel
-from replay_kit.core.flow.lattice import WINDOW, HorizontalFunctions, StreamFunctionLattice
+from replay_kit.core.flow.functions import (
+    WINDOW,
+    HorizontalFunctions,
+    NodeKernel,
+    StreamFunctionLattice,
+    velocity_kernel,
+)
 
 #: Lower band of a symmetric matrix by blocks, shape (R, w, C, C): [i, d] is that of block row i + d and column i, if there is one.
 Band = NDArray[np.floating]

@@ -19,14 +19,15 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evaluation import gradient
 from replay_kit.core.flow.functions import (
     DepthFunctions,
+    HorizontalFunctions,
     HorizontalKernel,
     NodeKernel,
     depth_weights,
+    gradient,
+    lattice_over,
 )
-from replay_kit.core.flow.lattice import HorizontalFunctions, lattice_over
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed, embedding
 from replay_kit.estimator.basis.shifts import (

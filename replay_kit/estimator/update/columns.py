@@ -17,8 +17,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri
 
 from replay_kit.core.arrays import Array, Indices
-from replay_kit.core.flow.evaluation import gradient
-from replay_kit.core.flow.functions import DepthFunctions, depth_weights
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights, gradient
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import nearest, to_local
 from replay_kit.core.observation import error_covariance, mean_longitude, mean_time

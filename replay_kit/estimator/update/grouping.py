@@ -47,7 +47,7 @@ class Grouping:
         """Return the mask of profiles that may join a group, shape (n,).
 
         Args:
-            pings: Pings as in ``core.block.Block``.
+            pings: Pings as in ``core.observation.table.Block``.
             first: shape (n,) or (1,), rows of the first profiles of groups.
             other: shape (n,), rows of candidates.
             number: shape (n,), number of profiles in each group so far.

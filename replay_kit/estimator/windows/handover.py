@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.evaluation import with_potential
+from replay_kit.core.flow.functions import with_potential
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import inside_grid, nearest
 from replay_kit.core.grid import Grid

@@ -13,7 +13,7 @@ import numpy as np
 from replay_kit.core.errors import Finding
 from replay_kit.core.extensions import additions
 from replay_kit.core.observation import Flag, Reason, usable
-from replay_kit.core.observation.block import MEAN, PING, POSITION, Block
+from replay_kit.core.observation.table import MEAN, PING, POSITION, Block
 from replay_kit.measurements.checks import instrument, pairs, place, profile, sensors
 from replay_kit.measurements.checks.causes import COMPASS, CURRENT, OF_SOURCES, UNUSED
 from replay_kit.measurements.checks.fold import Context, Fold, Found, Memory, Rows, rows_of

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array, Indices, Mask, Times
 from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.core.observation.block import Block
-from replay_kit.core.observation.table import chosen
+from replay_kit.core.observation.table import Block, chosen
 
 #: A criterion for each row.
 Holds = Mask | np.bool_

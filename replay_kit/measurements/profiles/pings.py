@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.observation import Flag
-from replay_kit.core.observation.block import BinTest
-from replay_kit.core.observation.table import Integers, Rows, Table, chosen
+from replay_kit.core.observation.table import BinTest, Integers, Rows, Table, chosen
 from replay_kit.measurements.profiles.qartod import tested
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.dives import depth_of

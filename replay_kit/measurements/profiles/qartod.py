@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, Indices, every
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.core.observation.block import BinTest
+from replay_kit.core.observation.table import BinTest
 from replay_kit.measurements.profiles.earth import Words
 from replay_kit.measurements.profiles.frames import tilt
 

@@ -16,8 +16,8 @@ from typing import Any, Literal
 import foxglove.messages as fox
 
 from replay_kit.core import __version__
-from replay_kit.core.flow.compact import pack
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.file import pack
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.observation import Innovation, VehicleState

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evaluation import with_potential
-from replay_kit.core.flow.functions import depth_weights, hats
+from replay_kit.core.flow.functions import depth_weights, hats, with_potential
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.results.innovations import thinned

@@ -15,7 +15,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.files.atomic import write_whole
 from replay_kit.core.files.paths import check_paths
-from replay_kit.core.flow.cf import described
+from replay_kit.core.flow.dataset import described
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
 

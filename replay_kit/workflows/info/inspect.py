@@ -15,8 +15,7 @@ from replay_kit.core.files.inputs import check_unchanged, stamps_of
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import usable
-from replay_kit.core.observation.block import Block
-from replay_kit.core.observation.table import Columns
+from replay_kit.core.observation.table import Block, Columns
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.blocks import Block as RawBlock

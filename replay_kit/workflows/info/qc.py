@@ -13,7 +13,7 @@ from rich.console import Console
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import Flag, Reason, usable
-from replay_kit.core.observation.block import Block
+from replay_kit.core.observation.table import Block
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge
 from replay_kit.logs.tables.schemas import NOT_A_KIND

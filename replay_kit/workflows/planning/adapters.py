@@ -9,8 +9,8 @@ import numpy as np
 
 import planners
 from planners.hazards.domain import Region, locate
-from planners.odds.departures import first_legs
-from planners.output.mission import as_plan
+from planners.output import as_plan
+from planners.plan import first_legs
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from planners.hazards.bottom import Bathymetry
+from planners.hazards.domain import Bathymetry
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.files.inputs import exceeds_claim

@@ -7,8 +7,15 @@ from typing import Any
 
 from rich.console import Console
 
-from planners.output.mission import as_plan, legs_table, places_table, to_csv, to_json
-from planners.output.waypoints import waypoint_json, waypoint_text
+from planners.output import (
+    as_plan,
+    legs_table,
+    places_table,
+    to_csv,
+    to_json,
+    waypoint_json,
+    waypoint_text,
+)
 from replay_kit.core.plan import share_interval
 from replay_kit.core.region import collection_file, feature, positions
 from replay_kit.core.words.text import time_text

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import TypeAdapter
 from threadpoolctl import threadpool_limits
 
-from planners.output.mission import as_plan, legs_table
+from planners.output import as_plan, legs_table
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.removed import SETTINGS, refuse_value
 from replay_kit.config.run import RunConfig

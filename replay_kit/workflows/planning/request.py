@@ -17,13 +17,13 @@ from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.removed import refuse_value
 from replay_kit.core.errors import ConfigError, PlanError
-from replay_kit.core.extensions import is_objective, objective_names
+from replay_kit.core.extensions import objective_names
 from replay_kit.core.files.inputs import open_input
 from replay_kit.core.words.progress import announce
 
 if TYPE_CHECKING:
     from planners.hazards.areas import NoGo
-    from planners.hazards.bottom import Bathymetry
+    from planners.hazards.domain import Bathymetry
     from planners.request import Line, Mooring, Weights
     from replay_kit.core.as_flown import AsFlown
     from replay_kit.core.flow.estimate import FlowEstimate
@@ -184,7 +184,7 @@ def objective_of(text: str) -> str | Weights:
     Raises:
         ConfigError: The text is neither.
     """
-    if is_objective(text):
+    if text in objective_names():
         return text
     refuse_value("--objective", text)
     try:

@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from planners.odds.departures import best_departure, cut_at_horizon, plan_departures, to_its_end
-from planners.odds.flights import fly_mission
 from planners.odds.mission import MissionOdds, mission_odds, with_odds
 from planners.odds.rank import plan_by_odds
-from planners.plan import plan_mission
+from planners.plan import (
+    best_departure,
+    cut_at_horizon,
+    fly_mission,
+    plan_departures,
+    plan_mission,
+    to_its_end,
+)
 from planners.request import MissionPlan, MissionRequest, MissionSettings, Mooring
-from planners.several.assignment import assign, times_to_goals
-from planners.several.separation import JointMissions, plan_missions, share_of_nearer
+from planners.several import JointMissions, assign, plan_missions, share_of_nearer, times_to_goals
 from planners.simulation.currents import Flow, Sample, local_notes
 from planners.waypoints import Waypoints, waypoints_of
 from replay_kit.config.plan import PlanRequest

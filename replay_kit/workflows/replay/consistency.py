@@ -19,8 +19,7 @@ from replay_kit.core.arrays import Array, replace
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import PathMean
-from replay_kit.core.observation.block import POSITION, Block
-from replay_kit.core.observation.table import Integers
+from replay_kit.core.observation.table import POSITION, Block, Integers
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.update.screening import screened
 from replay_kit.measurements.checks import causes as findings

@@ -25,8 +25,7 @@ from replay_kit.core.observation import (
     Source,
     VehicleState,
 )
-from replay_kit.core.observation.block import LINEAR, PING, POSITION, Block
-from replay_kit.core.observation.table import Columns, chosen
+from replay_kit.core.observation.table import LINEAR, PING, POSITION, Block, Columns, chosen
 from replay_kit.estimator.update.grouping import Grouping
 from replay_kit.measurements.profiles.pings import MISSING, padded
 

@@ -19,7 +19,7 @@ from replay_kit.core.errors import finding_json
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
 from replay_kit.core.observation import LinearMeasurement, Profiles, VehicleState
-from replay_kit.core.observation.block import LINEAR, PING, Block
+from replay_kit.core.observation.table import LINEAR, PING, Block
 from replay_kit.core.words.progress import Stopwatch
 from replay_kit.measurements.observed import begun, taken
 from replay_kit.results.mcap.writer import ResultWriter

@@ -24,8 +24,7 @@ from replay_kit.core.as_flown import AsFlown, FlightCorrection, FlownDive, flown
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.observation import Fix, PathMean, Profiles, VehicleState, usable
-from replay_kit.core.observation.block import Block
-from replay_kit.core.observation.table import Columns
+from replay_kit.core.observation.table import Block, Columns
 from replay_kit.core.surfacing import (
     SHARES,
     DiveForecast,

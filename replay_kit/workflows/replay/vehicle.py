@@ -10,8 +10,7 @@ from replay_kit.core.arrays import replace
 from replay_kit.core.as_flown import FlownDive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import PathMean, kind_of
-from replay_kit.core.observation.block import MEAN, PING, POSITION, Block
-from replay_kit.core.observation.table import Integers
+from replay_kit.core.observation.table import MEAN, PING, POSITION, Block, Integers
 from replay_kit.estimator import Estimator
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.observed import Stream, path_mean

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from replay_kit.core.flow.lattice import lattice_over
+from replay_kit.core.flow.functions import lattice_over
 from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
-from replay_kit.core.flow.process import Process
-from replay_kit.core.flow.unknowns import Unknowns
+from replay_kit.core.flow.process import Process, Unknowns
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 HOUR = 3600 * 10**9

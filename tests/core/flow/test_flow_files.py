@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
 from replay_kit.core.files.atomic import sealed
-from replay_kit.core.flow.compact import pack, unpack
 from replay_kit.core.flow.dataset import to_dataset, wet_at, write_grid
-from replay_kit.core.flow.file import load, load_bytes, save_bytes
+from replay_kit.core.flow.file import load, load_bytes, pack, save_bytes, unpack
 from tests.core.flow.made import HOUR, LOCAL, SURFACE, changing
 from tests.synthetic_flow import TIME_NS, regular
 

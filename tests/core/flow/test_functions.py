@@ -6,12 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from replay_kit.core.flow.functions import (
+    WINDOW,
     DepthFunctions,
     HorizontalKernel,
     depth_weights,
+    lattice_over,
     velocity_kernel,
 )
-from replay_kit.core.flow.lattice import WINDOW, lattice_over
 from tests.reference import lattice as slow
 from tests.reference.dense import hats
 from tests.reference.estimator import kernel_3d

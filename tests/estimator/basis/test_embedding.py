@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.functions import HorizontalKernel, NodeKernel
-from replay_kit.core.flow.lattice import lattice_over
+from replay_kit.core.flow.functions import HorizontalKernel, NodeKernel, lattice_over
 from replay_kit.estimator.basis import embedding
 from replay_kit.estimator.basis.embedding import embed
 from tests.reference import lattice as slow

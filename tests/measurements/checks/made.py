@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.core.observation.block import MEAN, PING, POSITION, Block
+from replay_kit.core.observation.table import MEAN, PING, POSITION, Block
 from replay_kit.measurements.checks.check import Checked, check
 
 STEP = 600.0

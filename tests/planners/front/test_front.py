@@ -9,7 +9,8 @@ from planners.hazards.areas import Ring
 from planners.route.current import CurrentLattice, current_lattice, edge_durations, shares_of_levels
 from planners.route.front import sea_of, spread
 from planners.route.obstacles import directions_around, obstacles_of
-from planners.route.relax import relax
+from planners.route.passage import relax
+from planners.simulation.currents import currents_of
 from tests.planners.flow_samples import eddying_flow
 from tests.reference.front import arrivals, edge_duration, touches
 
@@ -78,7 +79,7 @@ def test_labels_are_those_of_dijkstra_on_the_same_lattice(seed):
 
     def duration(here, there, now):
         ends = sea.places[[here]], sea.places[[there]]
-        return float(edge_durations(current, 0.3, *ends, np.array([now]), sea.piece)[0])
+        return float(sea.durations(*ends, np.array([now]))[0])
 
     np.testing.assert_allclose(front.times, arrivals(current.shape, 5, 19, duration), rtol=1e-12)
 
@@ -175,7 +176,7 @@ def test_a_disc_lies_within_the_places_around_it():
 
 def test_a_flow_on_the_lattice_is_the_mean_of_the_flow_over_depth():
     flow = eddying_flow(4)
-    shares = shares_of_levels(flow, 300.0, 0.1)
+    shares = shares_of_levels(currents_of(flow), 300.0, 0.1)
     current = current_lattice(flow, flow.latent, np.zeros(1), 800.0, shares)
     rng = np.random.default_rng(0)
     points = rng.uniform([-35e3, -25e3], [35e3, 25e3], (40, 2))

@@ -8,12 +8,12 @@ from planners import (
     MissionRequest,
     MissionSettings,
     best_departure,
+    cut_at_horizon,
     plan_by_odds,
     plan_departures,
     plan_mission,
 )
-from planners.odds.departures import cut_at_horizon
-from planners.output.mission import as_plan
+from planners.output import as_plan
 from tests.planners.flow_samples import eddying_flow, place
 
 FLOW = eddying_flow(3, speed=0.1)

@@ -10,10 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planners import MissionSettings
-from planners.odds.flights import fly_mission
+from planners import MissionSettings, fly_mission
 from planners.odds.mission import ellipse_factor, ellipses_of
-from planners.output.mission import (
+from planners.output import (
     as_plan,
     legs_table,
     places_table,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planners import waypoints_of
-from planners.output.waypoints import waypoint_text
+from planners.output import waypoint_text
 from replay_kit.core.plan import Area
 from tests.planners.test_waypoints import FLOW, PLAN, REQUEST
 from tests.reference.vehicle import read_mission_arguments, read_targets

@@ -1,8 +1,7 @@
 """All that a vehicle at a depth must keep clear of, put together as missions and paths do."""
 
 from planners.hazards.areas import NoGo, Ring
-from planners.hazards.bottom import Bathymetry, bottom_of, fixed_rings
-from planners.hazards.domain import Region
+from planners.hazards.domain import Bathymetry, Region, bottom_of, fixed_rings
 
 
 def all_rings(

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from planners.hazards.areas import Ring, first_crossing
-from planners.hazards.bottom import Bathymetry, Bottom, DepthCells, bottom_of
-from planners.hazards.domain import Region
+from planners.hazards.domain import Bathymetry, Bottom, DepthCells, Region, bottom_of
 from tests.planners.flow_samples import still_flow
 from tests.planners.route.all_rings import all_rings
 
@@ -100,7 +99,7 @@ def test_an_area_two_metres_wide_is_seen_and_where_it_is_crossed():
     thin = np.array([[0.0, 99.0], [0.0, 101.0], [500.0, 101.0], [500.0, 99.0]])
     turns = np.array([[200.0, -1e3], [200.0, -100.0], [200.0, 900.0], [900.0, 900.0]])
     path = np.stack([turns[:-1], turns[1:]], axis=1)
-    ring = Ring(thin, False, "cable", drawn=True)
+    ring = Ring(thin, False, "cable")
     found = first_crossing((ring,), path, np.zeros(3))
     assert found == ("cable", 1, pytest.approx(199.0 / 1000.0))
     beside = path + np.array([303.0, 0.0])

@@ -8,8 +8,7 @@ from pyproj import Geod
 
 from planners import NoGo
 from planners.hazards.areas import no_go_rings
-from planners.hazards.bottom import Bathymetry
-from planners.hazards.domain import Region
+from planners.hazards.domain import Bathymetry, Region
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection

@@ -8,14 +8,15 @@ import pytest
 import shapely
 
 from planners import MissionRequest, MissionSettings, plan_mission
-from planners.several.assignment import assign, times_to_goals
-from planners.several.separation import (
+from planners.several import (
     Motion,
     area_between,
+    assign,
     motion_of,
     nearest,
     plan_missions,
     share_of_nearer,
+    times_to_goals,
 )
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import place

@@ -14,9 +14,8 @@ from planners import (
     plan_departures,
     plan_mission,
 )
-from planners.odds.departures import first_legs
-from planners.odds.flights import fly_mission
 from planners.odds.mission import currents_of_estimate
+from planners.plan import first_legs, fly_mission
 from planners.simulation.currents import (
     LocalSample,
     currents_of_samples,
@@ -29,8 +28,7 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.file import load
 from replay_kit.core.flow.local import LocalCurrent
-from replay_kit.core.flow.process import Process
-from replay_kit.core.flow.unknowns import Unknowns
+from replay_kit.core.flow.process import Process, Unknowns
 from replay_kit.core.geodesy import distance
 from replay_kit.core.words.text import time_text
 from replay_kit.estimator import build

@@ -4,7 +4,7 @@ import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import Observation, Profiles, Source, VehicleState
-from replay_kit.core.observation.block import LINEAR, PING, POSITION, Block
+from replay_kit.core.observation.table import LINEAR, PING, POSITION, Block
 from replay_kit.core.words.progress import Stopwatch
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log

@@ -13,7 +13,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.core.observation.block import PING, POSITION, Block
+from replay_kit.core.observation.table import PING, POSITION, Block
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import LogFile

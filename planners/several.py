@@ -1,4 +1,4 @@
-"""Separation of several vehicles' missions, in the plans and in samples.
+"""Several vehicles: which goes to which goal, and missions that keep apart.
 
 The separation is the horizontal distance at equal times, regardless of depth. Before departure a vehicle counts as at its start, after
 arrival at its goal. If two come too near, that part of one track, widened, becomes a no-go area of the other mission. Of both choices the
@@ -19,12 +19,16 @@ from planners.odds.steer import steer
 from planners.plan import plan_mission
 from planners.request import MissionPlan, MissionRequest
 from planners.route.current import Complex
-from planners.simulation.currents import Flow, Sample
+from planners.route.front import sea_of, spread
+from planners.route.obstacles import obstacles_of
+from planners.route.passage import mean_current
+from planners.simulation.currents import Flow, Sample, first_of
+from planners.task import task_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
+from replay_kit.core.plan import Place
 
 # Widths of what one keeps out of that are tried in turn, in separations, and ways round that are tried in all.
 _WIDTHS, _TRIES = (1.1, 1.6, 2.4), 12
@@ -163,7 +167,7 @@ def _gone_round(
 ) -> JointMissions:
     """Return plans with one of two vehicles detouring around the other's track; unchanged if neither can."""
     worst, width, separation = asked
-    projection = _first(flow).grid.projection
+    projection = first_of(flow).grid.projection
     best, options = joint, list[JointMissions]()
     for stays, goes in (worst.vehicles, worst.vehicles[::-1]):
         motions = [motion_of(joint.plans[k], projection) for k in (stays, goes)]
@@ -226,7 +230,7 @@ def _judged(
     before: JointMissions | None = None,
 ) -> JointMissions:
     """Return plans with the closest approach of each pair; unchanged plans are not simulated again."""
-    projection = _first(flow).grid.projection
+    projection = first_of(flow).grid.projection
     planned = [motion_of(plan, projection) for plan, _ in made]
     known = {} if before is None else dict(zip(before.plans, before.flown, strict=False))
     flown = tuple(known.get(one[0]) or _flown(flow, samples, *one) for one in made if samples)
@@ -257,7 +261,7 @@ def _flown(
 ) -> Motion:
     """Return the motion of a plan's simulated flights, steered at each surfacing."""
     if len(plan.headings_deg) == 0:
-        still = motion_of(plan, _first(flow).grid.projection)
+        still = motion_of(plan, first_of(flow).grid.projection)
         return Motion(still.times, np.repeat(still.places, len(samples), axis=0))
     task = task_of_plan(flow, plan, request)
     currents = currents_of_estimate(flow, samples, plan.settings.depth)
@@ -266,5 +270,53 @@ def _flown(
     return Motion(times, flights.place[..., 0] + 1j * flights.place[..., 1])
 
 
-def _first(flow: Flow) -> FlowEstimate:
-    return flow if isinstance(flow, FlowEstimate) else flow[0]
+def times_to_goals(
+    flow: Flow, requests: Sequence[MissionRequest], goals: tuple[Place, ...]
+) -> Array:
+    """Return the earliest arrival of each vehicle at each goal, shape (K, G) [s since its start]; infinite if unreachable.
+
+    A front propagates around obstacles in the mean current of the vehicle's dives and drifts.
+
+    Args:
+        flow: Current estimate, or estimates at increasing times.
+        requests: Requests of the vehicles; their goals are ignored.
+        goals: Goals, at least one.
+
+    Raises:
+        PlanError: A start or goal is outside the region, on land or in a forbidden area.
+    """
+    times = np.empty((len(requests), len(goals)))
+    for k, request in enumerate(requests):
+        settings = replace(request.settings, legs=None)
+        task = task_of(flow, replace(request, goals=goals, settings=settings))
+        mean, dives = mean_current(task), task.solid(task.settings.depth)
+        sea = sea_of(
+            mean.current,
+            mean.speed,
+            task.places,
+            obstacles_of(dives, task.settings.margin, task.places),
+        )
+        start, nowhere = np.array([mean.current.places.size]), np.zeros(0, dtype=np.intp)
+        front = spread(sea, start, np.zeros(1), task.longest, nowhere)
+        times[k] = front.times[start[0] + 1 : start[0] + 1 + len(goals)]
+    return times
+
+
+def assign(times: Array) -> tuple[int | None, ...]:
+    """Return the goal of each vehicle, or None: the most assignments, then the least total time.
+
+    Args:
+        times: Travel times, shape (K, G) [s]; infinite for goals out of reach.
+
+    References:
+        Crouse (2016), On implementing 2D rectangular assignment algorithms.
+    """
+    # loads slowly, and one vehicle needs none
+    from scipy.optimize import linear_sum_assignment
+
+    finite = np.isfinite(times)
+    # dearer than all that can be reached together
+    beyond = 1.0 + 2.0 * min(times.shape) * float(np.max(times, initial=0.0, where=finite))
+    rows, columns = linear_sum_assignment(np.where(finite, times, beyond))
+    found = {int(k): int(goal) for k, goal in zip(rows, columns, strict=True) if finite[k, goal]}
+    return tuple(found.get(k) for k in range(len(times)))

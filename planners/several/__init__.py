@@ -1,1 +1,0 @@
-"""Several vehicles: who goes to which goal, and missions that keep apart."""
