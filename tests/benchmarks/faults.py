@@ -154,20 +154,19 @@ def _row(fault: Fault, runs: list[Run]) -> Row:
 def _judge_files(
     found: dict[str, list[Run]], estimators: Mapping[str, Any], measured: Iterable[Block]
 ) -> None:
-    """Add what the mean currents of a log say of the files of right and wrong forecasts."""
+    """Add what the mean currents of a log say of files of right and wrong forecasts."""
     means = [e for block in measured for e in events_of(block) if isinstance(e, PathMean)]
     for name, estimator in estimators.items():
-        finding, note = check_file(estimator, means)
-        if finding is None:
-            ended = "said" if note or not _FILES[name][1] else "silent"
-        else:
-            right = any(words in finding.evidence for words in _FILES[name][1])
+        findings, notes = check_file(estimator, means)
+        ended = "said" if notes or not _FILES[name][1] else "silent"
+        if findings:
+            right = any(words in findings[0].evidence for words in _FILES[name][1])
             ended = "named" if right else "wrong"
         found.setdefault(f"forecast {name}", []).append((ended, 0, ended == "silent"))
 
 
 def named(log: Log, fault: Fault, sound: Checked) -> Run:
-    """Return what came of a log with a fault, one of ``ENDS``, and the pings until it was named; 0 when it was not.
+    """Return what came of a log with a fault, one of ``ENDS``, and the pings until it was named, else 0.
 
     Args:
         log: The sound log.
