@@ -26,6 +26,7 @@ from replay_kit.results.mcap.topics import (
     OpenResult,
     complete,
     message_counts,
+    topic_of,
 )
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 
@@ -39,13 +40,6 @@ if TYPE_CHECKING:
 VEHICLES_RECORD = "replay_kit.vehicles"
 #: Names that no vehicle may have, as topics begin with them.
 RESERVED = ("flow", "input", "log", "plan", "tf", "vehicle")
-_SHARED = ("/flow/estimate", "/flow/grid/", "/flow/arrows/", "/flow/surface", "/plan/seabed")
-_SHORT = {
-    "/vehicle/fix": "fix",
-    "/flow/innovation": "innovation",
-    "/flow/consistency": "consistency",
-    "/flow/surfacing": "surfacing",
-}
 
 
 class VehicleRecord(NamedTuple):
@@ -73,18 +67,6 @@ def vehicle_records(metadata: Mapping[str, Mapping[str, str]]) -> tuple[VehicleR
     held = sorted(metadata.get(VEHICLES_RECORD, {}).items())
     parts = [(name, json.loads(text)) for name, text in held]
     return tuple(VehicleRecord(name, **one | {"logs": tuple(one["logs"])}) for name, one in parts)
-
-
-def topic_of(vehicle: str, topic: str) -> str:
-    """Return the topic of a vehicle's messages; unchanged for a single vehicle (empty name) and for the estimate."""
-    if not vehicle or topic.startswith(_SHARED):
-        return topic
-    return f"/{vehicle}/{_SHORT.get(topic, topic[1:])}"
-
-
-def name_of(vehicle: str, name: str) -> str:
-    """Return the name of a vehicle's record or attachment; unchanged for a single vehicle."""
-    return f"{vehicle}/{name}" if vehicle else name
 
 
 def part_path(path: Path, vehicle: str, folder: Path) -> Path:

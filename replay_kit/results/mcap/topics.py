@@ -42,6 +42,13 @@ CONFIG_NAME = "config.toml"
 SUMMARY_NAME = "summary.json"
 LAYOUT_NAME = "layout.json"
 DIGEST_NAME = "replay_kit.digest"
+_SHARED = ("/flow/estimate", "/flow/grid/", "/flow/arrows/", "/flow/surface", "/plan/seabed")
+_SHORT = {
+    "/vehicle/fix": "fix",
+    "/flow/innovation": "innovation",
+    "/flow/consistency": "consistency",
+    "/flow/surfacing": "surfacing",
+}
 
 # opcode, length; channel, sequence, time of log, time of publication
 _HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
@@ -55,6 +62,18 @@ DAMAGED = (
     *(McapError, CRCValidationError, DecodeError, zstandard.ZstdError, struct.error),
     *(ValueError, LookupError, OverflowError, EOFError),
 )
+
+
+def topic_of(vehicle: str, topic: str) -> str:
+    """Return the topic of a vehicle's messages; unchanged for a single vehicle (empty name) and for the estimate."""
+    if not vehicle or topic.startswith(_SHARED):
+        return topic
+    return f"/{vehicle}/{_SHORT.get(topic, topic[1:])}"
+
+
+def name_of(vehicle: str, name: str) -> str:
+    """Return the name of a vehicle's record or attachment; unchanged for a single vehicle."""
+    return f"{vehicle}/{name}" if vehicle else name
 
 
 @contextmanager

@@ -42,9 +42,10 @@ from replay_kit.results.mcap.topics import (
     LAYOUT_NAME,
     SUMMARY_NAME,
     WINDOW_NAME,
+    name_of,
+    topic_of,
 )
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.reader import name_of, topic_of
 from replay_kit.results.slices import (
     FRAME,
     Slices,
