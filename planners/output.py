@@ -131,6 +131,7 @@ def as_plan(plan: MissionPlan, projection: Projection, odds: MissionOdds | None 
         status=plan.status,
         start=plan.start,
         goal=plan.goals[-1],
+        via=plan.goals[:-1],
         start_time_ns=plan.start_time_ns,
         heading_deg=heading,
         glide_angle_deg=float(np.rad2deg(angle)),

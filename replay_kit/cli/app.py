@@ -23,7 +23,7 @@ from replay_kit.core.words.text import printable
 
 # Loading modules makes many small objects that stay; looking for garbage among them takes a sixth of the help's time.
 gc.set_threshold(50_000, 20, 20)
-# The threads that BLAS starts when it is loaded wait busily, and cost a command a tenth of a second; ``output.threads`` starts what it asks.
+# Threads that BLAS starts when it is loaded wait busily, a tenth of a second a command; ``output.threads`` starts what it asks for.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Each command under its heading: the module in which it is, what it needs, and what it does.

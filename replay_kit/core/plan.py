@@ -97,7 +97,7 @@ class Plan:
             ``unsafe`` when it or too many samples violate a constraint, ``uncertain`` when too few samples arrive, ``partial`` when it ends
             at a horizon before the goal, ``failed`` when the solver gave no usable path.
         start: Start.
-        goal: Goal.
+        goal: Goal, the last of several.
         start_time_ns: [ns, UTC].
         heading_deg: Heading, clockwise from true north at the start, in [0, 360).
         glide_angle_deg: Glide angle, positive down.
@@ -115,6 +115,7 @@ class Plan:
         odds: Odds of arrival; None without samples.
         areas: Areas and fences of the plan.
         bottom: shape (n,) [m], seabed depth under the track; NaN if unknown, None without a bathymetry.
+        via: Goals before the last one, in order.
     """
 
     status: PlanStatus
@@ -137,6 +138,7 @@ class Plan:
     odds: Odds | None = None
     areas: tuple[Area, ...] = ()
     bottom: Array | None = None
+    via: tuple[Place, ...] = ()
 
     def __repr__(self) -> str:
         """Return ends, commands and outcome as text."""

@@ -5,7 +5,7 @@ are continuous across the antimeridian.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,19 +68,18 @@ def plan_of(message: Any, areas: tuple[Area, ...] = ()) -> Plan:
         for each in fields
         if each.type == "double" and each.repeated
     }
-    parts: dict[str, Any] = {
-        name: kind(
-            *(getattr(getattr(message, name), each.name) for each in MESSAGES[kind.__name__])
-        )
-        for name, kind in (("start", Place), ("goal", Place), ("odds", Odds))
-    }
-    bottom, statistics = (
-        lists["track_bottom"],
-        {each.name: each.value for each in message.statistics},
-    )
+    bottom = lists["track_bottom"]
+    statistics = {each.name: each.value for each in message.statistics}
+
+    def part(kind: Callable[..., Any], held: Any) -> Any:
+        return kind(*(getattr(held, each.name) for each in MESSAGES[kind.__name__]))
+
     return Plan(
         **found,
-        **parts | ({} if message.odds.n_samples else {"odds": None}),
+        start=part(Place, message.start),
+        goal=part(Place, message.goal),
+        via=tuple(part(Place, one) for one in message.via),
+        odds=part(Odds, message.odds) if message.odds.n_samples else None,
         start_time_ns=message.timestamp.ToNanoseconds(),
         velocity_through_water=lists["velocity_through_water"],
         track_time=lists["track_time"],
@@ -136,7 +135,7 @@ def until(features: Sequence[Feature], time_ns: int | None) -> list[Feature]:
 
 
 def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
-    """Yield track, areas, ellipses of surfacings, surfacings, start and goal of a plan."""
+    """Yield track, areas, ellipses of surfacings, surfacings, start and goals of a plan."""
     made = {"time": time_text(plan.start_time_ns)}
     kept = thinned(len(plan.track), _PLANNED)
     times = plan.start_time_ns + np.rint(1e9 * plan.track_time[kept])
@@ -161,9 +160,11 @@ def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
         about = {**made, "description": f"{surfaces.replace('T', ' ')}, {steer}"}
         at_leg = point(leg["longitude"], leg["latitude"], projection)
         yield placed("Point", at_leg, "planned", f"planned surfacing {leg['leg']}", about)
-    for role, place in (("start", plan.start), ("goal", plan.goal)):
-        deep = role == "goal" and np.isfinite(place.depth)
-        name = f"goal, {place.depth:.0f} m" if deep else role
+    goals = [*plan.via, plan.goal]
+    for number, place in enumerate([plan.start, *goals]):
+        role = "goal" if number else "start"
+        name = f"goal {number}" if number and plan.via else role
+        name += f", {place.depth:.0f} m" if number and np.isfinite(place.depth) else ""
         about = {**made, "depth_m": known(place.depth)}
         yield placed("Point", point(place.longitude, place.latitude, projection), role, name, about)
 

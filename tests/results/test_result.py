@@ -14,6 +14,7 @@ from replay_kit.core.plan import Odds, Place
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.results.result import ResultFile
+from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from tests.results.conftest import PLAN
 from tests.results.result_samples import CONFIG, METADATA
@@ -37,7 +38,7 @@ def test_a_plan_is_read_as_it_was_written(tmp_path_factory, place, text, odds, n
     numbers = ("speed", "duration", "closest_approach", "energy", "battery")
     held = {"status": text, "message": text, **dict.fromkeys(numbers, number)}
     ways = {"track": track, "track_time": np.array([0.0, 1.5]), "bottom": np.array([number, 2.0])}
-    plan = replace(PLAN, start=place, goal=place, odds=odds, **held, **ways)
+    plan = replace(PLAN, start=place, goal=place, via=(place,), odds=odds, **held, **ways)
     projection = synthetic_flow().grid.projection
     with ResultWriter(path) as writer:
         writer.start(projection, TIME_NS, METADATA, CONFIG)
@@ -48,6 +49,7 @@ def test_a_plan_is_read_as_it_was_written(tmp_path_factory, place, text, odds, n
         held |= {f"{end}_{name}": value for name, value in asdict(place).items()}
     held |= {f"odds_{name}": getattr(odds, name, np.nan) for name in Odds.__slots__}
     np.testing.assert_equal({name: row[name] for name in held}, held)
+    assert Contents(result).last_plan.via == plan.via
     tracks = result.plan_tracks
     assert (tracks.index - pd.Timestamp(plan.start_time_ns)).total_seconds().tolist() == [0.0, 1.5]
     places = to_geographic(projection, *track.T[:2])

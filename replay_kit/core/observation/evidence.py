@@ -142,24 +142,6 @@ def _interval(gains: Sequence[float]) -> tuple[float, float]:
     )
 
 
-def coverage(error: Array, std: Array, share: float, scatter: Array | None = None) -> float:
-    """Return the fraction of errors inside the central interval of probability ``share``.
-
-    Args:
-        error: Predicted mean minus the outcome, any shape.
-        std: Predicted standard deviation, broadcast against it.
-        share: Probability of the interval.
-        scatter: Standard deviation of Gaussian noise in the errors, over which the fraction is averaged; None for no noise.
-    """
-    from scipy.special import ndtr, ndtri
-
-    half = ndtri(0.5 + 0.5 * share) * std
-    if scatter is None:
-        return float(np.mean(np.abs(error) <= half))
-    blur = np.maximum(scatter, 1e-12)
-    return float(np.mean(ndtr((half - error) / blur) - ndtr((-half - error) / blur)))
-
-
 def crps_gaussian(error: Array, std: Array, scatter: Array | float = 0.0) -> Array:
     """Return the continuous ranked probability score of Gaussian predictions (Gneiting et al. 2005, Mon. Wea. Rev. 133, eq. 5).
 

@@ -110,6 +110,7 @@ Plan
     double energy battery
     Odds odds
     double[] track_bottom
+    Place[] via
 PlanOutcome
     time timestamp=time_ns planned_time=planned_ns predicted_time=predicted.time_ns
     Place predicted actual

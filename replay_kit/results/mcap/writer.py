@@ -218,6 +218,7 @@ class ResultWriter(ResultFile):
             "statistics": [{"name": name, "value": str(value)} for name, value in statistics],
             "track_bottom": () if plan.bottom is None else plan.bottom,
             "odds": None if plan.odds is None else asdict(plan.odds),
+            "via": [*map(_place, plan.via)],
         }
         self._log_own("/plan/controls", "Plan", plan, time_ns, values)
 
@@ -306,7 +307,8 @@ class ResultWriter(ResultFile):
         kinds, held = {TIME: _stamp, ".replay_kit.Place": _place}, dict[str, Any]()
         for field in MESSAGES[name]:
             of = more[field.name] if field.name in more else attrgetter(field.path)(value)
-            held[field.name] = kinds[field.type](of) if field.type in kinds else of
+            made = field.type in kinds and not field.repeated
+            held[field.name] = kinds[field.type](of) if made else of
         self._write_own(topic, name, encode(name, held), time_ns)
 
     def _write_own(self, topic: str, name: str, data: bytes, time_ns: int) -> None:

@@ -127,6 +127,15 @@ class Outcome:
         return decide(self)
 
     @property
+    def unjudged(self) -> str:
+        """Reason for which there is no verdict; empty for a run that ended."""
+        if self.complete:
+            return ""
+        if self.plan is not None and not self.error:
+            return "this is a plan alone, without a log"
+        return "the run did not finish, or an earlier version made the result"
+
+    @property
     def basis(self) -> tuple[str, ...]:
         """Basis of the verdict as sentences: observations used, consistency, misfit, validity of the stated errors."""
         return basis_sentences(self)

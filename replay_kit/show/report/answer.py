@@ -73,8 +73,8 @@ def next_steps(contents: Contents) -> list[str]:
         )
     if contents.estimate is None and contents.measured.count:
         out.append("Replay the log again, to its end, for the current and its uncertainty.")
-    reasons = "; ".join(map(escape, outcome.verdict.reasons))
-    return out or [f"Check before use: {reasons}." if reasons else "No action needed."]
+    reasons = "; ".join(map(escape, outcome.verdict.reasons if outcome.complete else ()))
+    return out or [f"Check before use: {reasons}." if reasons else NO_STEP]
 
 
 def _sentence(text: str) -> str:
@@ -169,7 +169,7 @@ def _not_used(contents: Contents) -> Iterator[Sentence]:
     """Yield a sentence on the unused messages of each topic."""
     messages = contents.outcome.messages
     if messages is None:
-        why = "an earlier version made it, or the run did not finish"
+        why = contents.outcome.unjudged or "an earlier version made it"
         yield Sentence([f"The result does not hold the counts of messages: {why}."])
         return
     for k, row in enumerate(messages):
@@ -182,6 +182,8 @@ def _not_used(contents: Contents) -> Iterator[Sentence]:
             yield sentence(template, row, f"messages.{k}.")
 
 
+#: The next step of a result that needs none.
+NO_STEP = "No action needed."
 _ITSELF = {
     "good": "log fits itself",
     "care": "log raises doubts",
@@ -213,7 +215,7 @@ def lights(contents: Contents) -> tuple[Light, Light, Light]:
     worst = "stop" if "contradiction" in words else "care" if clashes else "good"
     said = "; ".join(f"{one['name']}: {one['evidence']}" for one in clashes)
     itself = Light(
-        _ITSELF[worst],
+        _ITSELF[worst] if outcome.complete else "log not judged",
         worst if outcome.complete else "none",
         Sentence([said or "No contradiction was found in the log."]),
         ("innovations",),
@@ -279,9 +281,8 @@ def trust_section(contents: Contents) -> Section:
             )
             parts[head] = [key for key in light.figures if key in figures]
     placed = [figures[key] for keys in parts.values() for key in keys]
-    answer = "No verdict: the run did not finish, or an earlier version made the result."
-    if outcome.complete:
-        answer = f"{escape(str(outcome.verdict).capitalize())}."
+    judged = outcome.unjudged and f"No verdict: {outcome.unjudged}"
+    answer = f"{escape(judged or str(outcome.verdict).capitalize())}."
     title = "How far can it be trusted?"
     return Section("trust", title, html, placed, missing, "Trust", answer, parts=parts)
 

@@ -23,7 +23,7 @@ from replay_kit.show.numbers import (
     sentence,
 )
 from replay_kit.show.page.page import compass, legend
-from replay_kit.show.report.answer import lights, next_steps
+from replay_kit.show.report.answer import NO_STEP, lights, next_steps
 from replay_kit.show.status.held import Values, read_held
 from replay_kit.show.status.lines import BASIS
 from replay_kit.show.status.status import status_of
@@ -52,17 +52,19 @@ def card_html(contents: Contents) -> str:
 def _verdict(contents: Contents) -> tuple[str, str]:
     """Return the verdict with its first reason; and further reasons, the plan's message and the next step, empty for a trusted result."""
     outcome, plan = contents.outcome, contents.last_plan
-    (word, reasons), step = outcome.verdict, f"Next step: {next_steps(contents)[0]}"
+    (word, reasons), (step, *_) = outcome.verdict, next_steps(contents)
     text = escape(": ".join([_WORDS[word], *reasons[:1]]))
     chip = f'<p class="chip {_CLASSES[word]}"><a href="#trust">{text}</a></p>'
-    if not outcome.complete:
-        chip = '<p class="chip care">No verdict: the run did not finish, or an earlier version made the result</p>'
+    if outcome.unjudged:
+        chip = f'<p class="chip care">No verdict: {outcome.unjudged}</p>'
     texts = list(reasons[1:])
     if plan is not None and plan.status != "reached":
         why = plan.message.partition(". ")[0]
         texts.append(f"the plan failed: {why}" if plan.status == "failed" else why)
     said = escape("; ".join(texts))
-    more = [f"{said[:1].upper()}{said[1:]}."] * bool(texts) + [step] * (word != "trust")
+    more = [f"{said[:1].upper()}{said[1:]}."] * bool(texts) + [f"Next step: {step}"] * (
+        word != "trust" and step != NO_STEP
+    )
     return chip, "".join(f'<p class="below">{one}</p>' for one in more)
 
 

@@ -82,7 +82,7 @@ def _first(status: Status) -> Line:
         *(one["name"] for one in findings if one not in severe),
         *([str(said)] if said.parts else []),
     ]
-    known = "no contradiction found" if fit.get("verdict") else "the run did not finish"
+    known = "no contradiction found" if fit.get("verdict") else fit.get("unjudged", "")
     text = fitting(texts or [known], WIDTH - _LABEL)
     end = said.parts if text.endswith(str(said)) else ()
     return Line(label, Sentence([text.removesuffix(str(said)) if end else text, *end]))

@@ -13,6 +13,7 @@ from replay_kit.core.plan import ORIGIN, share_interval
 from replay_kit.core.words.quantities import parse_time
 from replay_kit.core.words.text import count_text, time_text
 from replay_kit.results.mcap.schemas import attributes
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import Alarm
 from replay_kit.show.sentences import by_habit, profile_bins
 from replay_kit.show.status.alarms import alarms_of, change_of
@@ -299,9 +300,9 @@ def _forecast(held: Held, now_ns: int) -> Values:
 
 
 def _fit(held: Held, now_ns: int) -> Values:
-    outcome, since = held.outcome, time_text(held.last_ns)
-    if outcome is None or not outcome.complete:
-        return {"since": since, "verdict": None}
+    outcome, since = held.outcome or Outcome(complete=False), time_text(held.last_ns)
+    if outcome.unjudged:
+        return {"since": since, "verdict": None, "unjudged": outcome.unjudged}
     counts = attributes(outcome.observations, "used rejected bins_rejected")
     named = "verdict=verdict.word reasons=verdict.reasons findings=consistency basis rms_innovation nis_per_dof errors=errors_text"
     found = attributes(outcome, named)

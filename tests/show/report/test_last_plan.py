@@ -11,6 +11,7 @@ from replay_kit.core.plan import Area
 from replay_kit.core.region import feature
 from replay_kit.results import ResultWriter
 from replay_kit.results.geojson import features_of
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export import export
 from replay_kit.show.figures.kinds import drawn
@@ -30,13 +31,15 @@ DEPTH = np.add.outer(50.0 * np.arange(5.0), 20.0 * np.arange(7.0)) - 30.0
 INPUTS = METADATA | {"replay_kit.inputs": {"bathymetry": "bottom.nc sha256:00ff"}}
 
 
-def written(path, plan, depth=None, metadata=METADATA, estimate=False):
+def written(path, plan, depth=None, metadata=METADATA, estimate=False, outcome=None):
     flow = synthetic_flow()
     with ResultWriter(path) as writer:
         writer.start(flow.grid.projection, TIME_NS, metadata, CONFIG)
         if depth is not None:
             writer.seabed(TIME_NS, Seabed(EAST, NORTH, depth))
         writer.plan(plan, flow.grid.projection)
+        if outcome is not None:
+            writer.summary(TIME_NS, outcome)
         if estimate:
             writer.finish(flow)
     return Contents(read_result(path))
@@ -63,6 +66,18 @@ def test_a_plan_without_all_that_has_none_of_it(plan, tmp_path, energy):
     assert np.isnan([found.energy, found.battery]).all()
     assert (found.odds, found.bottom, found.areas, contents.seabed) == (None, None, (), None)
     assert "battery" not in text_of(report_html(contents.result), "plan")
+
+
+def test_all_goals_are_on_the_map_in_order_and_a_plan_alone_is_said_to_be_one(plan, tmp_path):
+    outcome = Outcome(plan={"status": "reached", "message": ""}, complete=False)
+    both = replace(plan, via=(replace(plan.goal, depth=0.0),))
+    contents = written(tmp_path / "out.mcap", both, outcome=outcome)
+    named = [one["properties"]["name"] for one in features_of(contents)]
+    assert [name for name in named if "goal" in name] == ["goal 1, 0 m", "goal 2, 100 m"]
+    page = report_html(contents.result)
+    assert "No verdict: this is a plan alone" in page
+    assert "the run did not finish" not in page
+    assert "Check before use" not in page
 
 
 def test_the_page_shows_them(contents):

@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation.evidence import coverage, crps_gaussian
+from replay_kit.core.observation.evidence import crps_gaussian
 from replay_kit.workflows.replay.conclude import rms_length, scored_points
 from tests import synthetic
 from tests.reference import baselines as slow
@@ -23,17 +23,6 @@ def test_crps_equals_the_integral(error, std):
     assert found == pytest.approx(slow.crps_by_quadrature(error, std), abs=1e-7)
     # without spread it is the absolute error
     assert crps_gaussian(np.array(error), np.zeros(())) == pytest.approx(abs(error))
-
-
-@pytest.mark.parametrize(
-    ("share", "factor"), [(0.5, 0.6744897501960817), (0.9, 1.6448536269514722)]
-)
-def test_coverage_of_gaussian_errors_is_their_share(share, factor):
-    rng = np.random.default_rng(0)
-    std = rng.uniform(0.1, 2.0, 40_000)
-    error = std * rng.standard_normal(std.size)
-    assert coverage(error, std, share) == pytest.approx(share, abs=0.01)
-    assert coverage(error, std, share) == np.mean(np.abs(error) <= factor * std)
 
 
 def test_only_wet_points_inside_region_and_levels_are_scored():
