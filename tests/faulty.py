@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.message import Message
@@ -42,8 +41,8 @@ SOUND = Faults()
 
 
 def as_logged(
-    velocity: Array, pings: Pings, projection: Projection, faults: Faults, seed: int
-) -> tuple[Array, Array | None]:
+    velocity: np.ndarray, pings: Pings, projection: Projection, faults: Faults, seed: int
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Return velocities as the instrument logs them, and the platform's velocity that it states, shape (n, 2), or None.
 
     Args:

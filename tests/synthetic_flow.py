@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import DepthFunctions, HorizontalKernel, NodeKernel
 from replay_kit.core.flow.process import Process, Unknowns
@@ -45,7 +44,7 @@ def synthetic_flow(
     return with_weights(flow, flow.modes, 0.01 * factor @ factor.T) if n_modes else flow
 
 
-def with_weights(flow: FlowEstimate, modes: Array, covariance: Array) -> FlowEstimate:
+def with_weights(flow: FlowEstimate, modes: np.ndarray, covariance: np.ndarray) -> FlowEstimate:
     """Return a flow whose modes' weights, level by level, have an error of some covariance and are constant in time."""
     levels, r = flow.levels.size, modes.shape[1]
     size = levels * r
@@ -72,7 +71,7 @@ def constant(flow: FlowEstimate, time_ns: int) -> FlowEstimate:
     return with_weights(at, flow.modes[:, :0], np.empty((0, 0)))
 
 
-def growing(flow: FlowEstimate, factors: Array, step: float) -> FlowEstimate:
+def growing(flow: FlowEstimate, factors: np.ndarray, step: float) -> FlowEstimate:
     """Return a flow without uncertainty that is multiplied by a factor a step [s] from its time on, and between them by their line."""
     start, levels = flow.time_ns or 0, flow.levels.size
     process = Process(

@@ -16,7 +16,6 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.config.run import load_config
-from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation, PathMean, Profiles
 from replay_kit.estimator.next_dive.mixture import Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess
@@ -36,9 +35,9 @@ class Dive:
 
     begin_ns: int
     end_ns: int
-    mean: Array
-    way: Array | None = None
-    inverted: Array | None = None
+    mean: np.ndarray
+    way: np.ndarray | None = None
+    inverted: np.ndarray | None = None
 
 
 def missions() -> Iterator[tuple[str, list[Dive]]]:
@@ -131,7 +130,7 @@ def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
     return {"over_last": ratio, "gain": float(np.mean(gains)), "in_90": float(np.mean(held))}
 
 
-def _asked(dive: Dive, way: Array | None, ways: Persistence) -> DiveMean:
+def _asked(dive: Dive, way: np.ndarray | None, ways: Persistence) -> DiveMean:
     std = 0.0
     if way is None:
         # the last way, with the changes so far as its error

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import ReducedBasisEstimator, build
 from tests.benchmarks import scene
@@ -39,16 +38,14 @@ def alone_ms(
     return 1e3 * float(np.median(times))
 
 
-def textbook(
-    mean: Array, cov: Array, design: Array, value: Array, noise: Array
-) -> tuple[Array, Array]:
+def textbook(mean, cov, design, value, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the update of a full covariance."""
     cov_design = cov @ design.T
     gain = np.linalg.solve(design @ cov_design + noise, cov_design.T).T
     return mean + gain @ (value - design @ mean), cov - gain @ cov_design.T
 
 
-def relative(ours: Array, theirs: Array) -> float:
+def relative(ours, theirs) -> float:
     """Return the length of a difference over that of what is right."""
     return float(np.linalg.norm(ours - theirs) / np.linalg.norm(theirs))
 

@@ -26,7 +26,6 @@ from replay_kit.config.run import (
     MeasurementConfig,
     RunConfig,
 )
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
@@ -61,7 +60,7 @@ ENDS = ("named", "odds", "said", "silent", "wrong")
 Run = tuple[str, int, bool]
 _SURE = 0.98
 # What is done to the currents of a forecast, and words of what is then found.
-_FILES: Mapping[str, tuple[Callable[[Array], Array], tuple[str, ...]]] = {
+_FILES: Mapping[str, tuple[Callable[[np.ndarray], np.ndarray], tuple[str, ...]]] = {
     "as it is": (lambda u: u, ()),
     "with u and v exchanged": (lambda u: u[:, ::-1], ("exchanged",)),
     "negated": (lambda u: -u, ("both signs",)),

@@ -12,7 +12,6 @@ from planners.route.front import sea_of, spread
 from planners.route.obstacles import as_complex
 from planners.route.passage import relax
 from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator.basis.modes import embed_member
@@ -57,8 +56,8 @@ def _flows(tiny: bool) -> tuple[FlowEstimate, ...]:
 
 
 def _times_of(
-    current: CurrentLattice, speed: float, begin: Array, ends: Array, until: float
-) -> tuple[Array, float]:
+    current: CurrentLattice, speed: float, begin, ends, until: float
+) -> tuple[np.ndarray, float]:
     """Return when a front is at some places [s], relaxed off the lattice, and the processor time of the front alone [s]."""
     places, first = as_complex(np.vstack([begin, ends])), current.places.size
 
@@ -89,7 +88,7 @@ def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: i
         made, current = cpu(lambda: current_lattice(one, latent, times, spacing_over(one), shares))  # noqa: B023
         mean = np.stack([part @ shares for part in np.split(latent, times.size, axis=1)], axis=1)
 
-        def velocity(at: Array, now: float) -> Array:
+        def velocity(at, now: float) -> np.ndarray:
             weights = np.array([np.interp(now, times, unit) for unit in np.eye(times.size)])  # noqa: B023
             return one.horizontal.velocity(at, (mean @ weights)[:, None])[..., 0]  # noqa: B023
 
@@ -122,7 +121,7 @@ def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: i
     return _error_row(name, np.array(errors), took, "Zermelo's rays")
 
 
-def _error_row(name: str, errors: Array, took: float, peer: str) -> Row:
+def _error_row(name: str, errors, took: float, peer: str) -> Row:
     known = np.abs(errors[np.isfinite(errors)])
     error = (
         {"mean_share": float(np.mean(known)), "ninety_five_share": float(np.quantile(known, 0.95))}
@@ -206,9 +205,7 @@ def masked_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
     return flow, replace(request, no_go=_areas(flow, limits, rng, 3))
 
 
-def _areas(
-    flow: FlowEstimate, limits: Array, rng: np.random.Generator, count: int
-) -> tuple[NoGo, ...]:
+def _areas(flow: FlowEstimate, limits, rng: np.random.Generator, count: int) -> tuple[NoGo, ...]:
     """Return areas within limits about the middle that may not be entered at any depth."""
     drawn = (
         random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}") for k in range(count)

@@ -5,19 +5,18 @@ from dataclasses import replace
 import numpy as np
 
 from planners import MissionRequest, MissionSettings, NoGo
-from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from tests.planners.flow_samples import place
 
 
-def bounds(flow: FlowEstimate) -> tuple[Array, Array]:
+def bounds(flow: FlowEstimate) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the largest local east and north of a flow's grid [m]."""
     low, high = (np.array([f(flow.grid.east), f(flow.grid.north)]) for f in (np.min, np.max))
     return low, high
 
 
 def asked(
-    flow: FlowEstimate, begin: Array, end: Array, settings: MissionSettings, *areas: NoGo
+    flow: FlowEstimate, begin, end, settings: MissionSettings, *areas: NoGo
 ) -> MissionRequest:
     """Return a request of a mission between two local points, past some areas."""
     start, goal = (place(flow, *at, 0.0) for at in (begin, end))
@@ -41,7 +40,7 @@ def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
     )
 
 
-def random_area(flow: FlowEstimate, centre: Array, rng: np.random.Generator, name: str) -> NoGo:
+def random_area(flow: FlowEstimate, centre, rng: np.random.Generator, name: str) -> NoGo:
     """Return an area of up to 3 km around a place."""
     bearings, far = (
         np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 7))),

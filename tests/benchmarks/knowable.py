@@ -9,7 +9,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.measurements.checks.causes import COMPASS, CONTRADICTION, DRIFT, OFFSET, SCALE
 from replay_kit.measurements.checks.likelihood import CAUSES, KINDS, RELATIVE, family
 
@@ -25,7 +24,7 @@ _CAUSES = {
 
 
 def probability(
-    sound: Mapping[str, Array], faulty: Mapping[str, Array], expected: tuple[str, ...]
+    sound: Mapping[str, np.ndarray], faulty: Mapping[str, np.ndarray], expected: tuple[str, ...]
 ) -> float:
     """Return the probability of the causes that are expected, when the errors are known; NaN of a log without pairs."""
     if not len(faulty.get("current", ())):
@@ -40,7 +39,7 @@ def probability(
     return float(np.exp(np.logaddexp.reduce(right) - np.logaddexp.reduce(every)))
 
 
-def _gain(sound: Array, found: Array, kind: str) -> float:
+def _gain(sound, found, kind: str) -> float:
     """Return the logarithm of the odds of all alternatives of a kind to none."""
     variance = float((sound[:, :2] - sound[:, 2:4]).var(axis=0).mean())
     a, b = found[:, 0] + 1j * found[:, 1], found[:, 2] + 1j * found[:, 3]
@@ -57,7 +56,7 @@ def _gain(sound: Array, found: Array, kind: str) -> float:
     return float(np.logaddexp.reduce(logs - none))
 
 
-def _log_density(left: Array, covariance: Array) -> Array:
+def _log_density(left, covariance) -> np.ndarray:
     """Return the logarithms of the densities of both components of differences, shape (h, n)."""
     squares = np.einsum("hn,nm,hm->h", left.conj(), np.linalg.inv(covariance), left).real
     return np.asarray(-0.5 * squares - float(np.linalg.slogdet(covariance)[1]))

@@ -65,7 +65,7 @@ class Sea:
         return _of(members, other), _of(members, np.arange(len(wet)) == self.member)
 
 
-def _of(members: Ensemble, chosen: np.ndarray) -> Ensemble:
+def _of(members: Ensemble, chosen) -> Ensemble:
     return Ensemble(members.grid, members.velocity[chosen], members.time_ns, members.source)
 
 
@@ -147,7 +147,7 @@ def _elsewhere(truth: Ensemble, profiles: Sequence[Observation], length: float) 
     return (away > 1e3 * length) | (depth < bins.min()) | (depth > bins.max())
 
 
-def _scored(estimate: FlowEstimate, truth: Ensemble, elsewhere: np.ndarray) -> dict[str, Any]:
+def _scored(estimate: FlowEstimate, truth: Ensemble, elsewhere) -> dict[str, Any]:
     """Return the figures of an estimate at the wet points of a truth."""
     grid, (level, *at) = truth.grid, _points(truth)
     place = grid.longitude[*at], grid.latitude[*at]
@@ -166,7 +166,7 @@ def _scored(estimate: FlowEstimate, truth: Ensemble, elsewhere: np.ndarray) -> d
     }
 
 
-def crps_normal(error: np.ndarray, std: np.ndarray) -> np.ndarray:
+def crps_normal(error, std) -> np.ndarray:
     """Return the continuous ranked probability score of normal distributions by their error and standard deviation."""
     z = error / std
     of_unit: np.ndarray = z * (2.0 * norm.cdf(z) - 1.0) + 2.0 * norm.pdf(z) - 1.0 / np.sqrt(np.pi)

@@ -11,7 +11,6 @@ import shapely
 from scipy.interpolate import RegularGridInterpolator
 
 from planners import Glider, MissionRequest, MissionSettings, plan_mission
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic, to_local
 from tests.benchmarks.measure import Row, row
@@ -31,8 +30,8 @@ _TRIES, _LONGER = 40, 1.1
 class Met:
     """Where a random flight begins [m], the goals that it meets one after the other [m], and when it has met the last [s]."""
 
-    start: Array
-    goals: tuple[Array, ...]
+    start: np.ndarray
+    goals: tuple[np.ndarray, ...]
     lasts: float
 
 
@@ -90,7 +89,7 @@ def _flight(mission: HazardousMission, rng: np.random.Generator) -> Met | None:
     start = np.array([rng.uniform(-8e3, 8e3), rng.uniform(-6e3, 6e3)])
     if _room(mission, start[None]) < 30.0:
         return None
-    at, towards, goals = (start, 0.0, 0.0), rng.uniform(0.0, 2.0 * np.pi), list[Array]()
+    at, towards, goals = (start, 0.0, 0.0), rng.uniform(0.0, 2.0 * np.pi), list[np.ndarray]()
     for _ in range(int(rng.integers(1, 4))):
         for _ in range(int(rng.integers(1, 5))):
             leg = _leg(mission, sea, at, towards, rng)
@@ -105,10 +104,10 @@ def _flight(mission: HazardousMission, rng: np.random.Generator) -> Met | None:
 def _leg(
     mission: HazardousMission,
     sea: Sea,
-    begin: tuple[Array, float, float],
+    begin: tuple[np.ndarray, float, float],
     towards: float,
     rng: np.random.Generator,
-) -> tuple[tuple[Array, float, float], float] | None:
+) -> tuple[tuple[np.ndarray, float, float], float] | None:
     """Return the end of a leg and its heading [rad], near to that of the one before; None where none is clear."""
     vehicle = SimpleNamespace(vehicle=Glider())
     for k in range(_TRIES):
@@ -123,7 +122,7 @@ def _leg(
     return None
 
 
-def _room(mission: HazardousMission, places: Array) -> float:
+def _room(mission: HazardousMission, places) -> float:
     """Return how deep dives may go [m] around places, shape (n, 2) [m]; below 0 where they come near to an area or the region's edge."""
     frame, bottom = mission.flow[0].grid.projection, mission.request.bathymetry
     assert bottom is not None

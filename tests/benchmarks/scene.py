@@ -87,7 +87,7 @@ def scattered(grid: Grid, n: int) -> np.ndarray:
     return np.random.default_rng(2).uniform(-half, half, (n, 2))
 
 
-def pings(truth: Ensemble, places: np.ndarray) -> list[Observation]:
+def pings(truth: Ensemble, places) -> list[Observation]:
     """Return pings of 22 bins of 32 m at places, which measure the nearest node with noise."""
     grid, rng, depth = truth.grid, np.random.default_rng(3), 16.0 + 32.0 * np.arange(22)
     found = []

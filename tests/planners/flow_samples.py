@@ -7,7 +7,6 @@ from typing import Any, Literal
 import numpy as np
 
 from planners import MissionPlan, MissionRequest, NoGo, plan_mission
-from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import (
     DepthFunctions,
@@ -122,7 +121,8 @@ def forbidden(
 
 
 def fitted_flow(
-    velocity: Callable[[Array, Array], tuple[Array, Array]], shape: tuple[int, int] = (13, 15)
+    velocity: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+    shape: tuple[int, int] = (13, 15),
 ) -> FlowEstimate:
     """Return a flow of one level that is a given divergence-free one, of local east and north [m], over the inner grid."""
     flow = still_flow(shape, (50.0,), length=22e3)

@@ -10,7 +10,6 @@ from scipy.interpolate import RegularGridInterpolator
 
 from planners import Bathymetry, MissionPlan, MissionRequest, MissionSettings, NoGo, Waypoints
 from planners.output import waypoint_text
-from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from tests.planners.flow_samples import eddying_flow, place
@@ -136,7 +135,7 @@ def _thin_area(flow: FlowEstimate, rng: np.random.Generator, number: int) -> NoG
     )
 
 
-def harm_done(mission: HazardousMission, track: Array) -> str | None:
+def harm_done(mission: HazardousMission, track: np.ndarray) -> str | None:
     """Return what a track, shape (n, 3) [m], crosses at steps of a metre; None when it crosses nothing."""
     frame = mission.flow[0].grid.projection
     fine = np.concatenate(
@@ -156,7 +155,9 @@ def harm_done(mission: HazardousMission, track: Array) -> str | None:
     return "the bottom" if np.min(bottom - fine[:, 2]) < CLEARANCE - 0.1 else None
 
 
-def remembered_currents(mission: HazardousMission, plan: MissionPlan, drawn: int) -> list[Array]:
+def remembered_currents(
+    mission: HazardousMission, plan: MissionPlan, drawn: int
+) -> list[np.ndarray]:
     """Return currents that a glider may expect in its first dive [m/s]: none, the plan's, and the first dive's in samples of the estimate.
 
     Args:
@@ -200,6 +201,6 @@ def harm_of_files(
     }
 
 
-def _harm_of_flight(mission: HazardousMission, plan: MissionPlan, track: Array) -> str | None:
+def _harm_of_flight(mission: HazardousMission, plan: MissionPlan, track: np.ndarray) -> str | None:
     off = float(np.linalg.norm(track[-1, :2] - plan.track[-1, :2]))
     return harm_done(mission, track) or (MISSED if off > plan.settings.tolerance else None)

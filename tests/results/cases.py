@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
@@ -37,7 +36,7 @@ def placed(longitude: float, latitude: float) -> FlowEstimate:
     return replace(flow, grid=moved)
 
 
-def on(flow: FlowEstimate, east: Array, north: Array) -> FlowEstimate:
+def on(flow: FlowEstimate, east: np.ndarray, north: np.ndarray) -> FlowEstimate:
     """Return a flow on a grid of other places, shape (J, I) [m]."""
     longitude, latitude = to_geographic(flow.grid.projection, east, north)
     grid = replace(flow.grid, longitude=longitude, latitude=latitude, east=east, north=north)

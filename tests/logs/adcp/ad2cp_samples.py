@@ -6,7 +6,6 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from tests.logs.adcp.raw_adcp_samples import nortek_record
 from tests.reference import frames as slow
 
@@ -35,13 +34,13 @@ class Survey:
     bottom_after: timedelta = timedelta(milliseconds=120)
 
 
-def vectors() -> Array:
+def vectors() -> np.ndarray:
     """Return the beams' unit vectors, away from the instrument."""
     s, c = np.sin(np.deg2rad(ANGLE)), np.cos(np.deg2rad(ANGLE))
     return np.array([[s, 0, c], [0, -s, c], [-s, 0, c], [0, s, c]])
 
 
-def in_system(survey: Survey, velocity: Array, system: str) -> Array:
+def in_system(survey: Survey, velocity: np.ndarray, system: str) -> np.ndarray:
     """Return a velocity in earth coordinates as the instrument stores it: beams, X Y Z1 Z2, or east, north, up twice."""
     if system == "earth":
         return np.array([*velocity, velocity[2]])

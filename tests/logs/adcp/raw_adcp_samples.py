@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from tests.reference import frames as slow
@@ -119,11 +118,11 @@ def _variable_leader(survey: Survey, k: int) -> bytes:
     return part + bytes(3 + 3 + 8) + struct.pack("<I2xII", 0, 0, 0) + century
 
 
-def _rotation(survey: Survey) -> Array:
+def _rotation(survey: Survey) -> np.ndarray:
     return slow.teledyne(survey.heading, survey.pitch, survey.roll, survey.up)
 
 
-def _in_system(survey: Survey, beams: Array) -> Array:
+def _in_system(survey: Survey, beams: np.ndarray) -> np.ndarray:
     """Return beam velocities, shape (4,), as the instrument would store them in its coordinate system."""
     if survey.system == "beam":
         return beams

@@ -4,17 +4,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Ensemble, Grid, Projection
 
 CENTRE = Projection(152.5, -40.0)
 LEVELS = np.array([5.0, 50.0, 150.0, 300.0, 500.0, 750.0])
 
-Flow = Callable[[Array, Array, Array], tuple[Array, Array]]
+Flow = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def eddy(east: Array, north: Array, depth: Array) -> tuple[Array, Array]:
+def eddy(east, north, depth):
     """Return a smooth eddy that weakens with depth."""
     strength = 0.4 * np.exp(-((east / 40e3) ** 2) - (north / 40e3) ** 2 - depth / 600.0)
     return -strength * north / 30e3, strength * east / 30e3 + 0.05
@@ -26,7 +25,7 @@ def make_truth(
     columns: int = 21,
     cell: float = 9000.0,
     bend: float = 0.08,
-    levels: Array = LEVELS,
+    levels: np.ndarray = LEVELS,
 ) -> Ensemble:
     """Return a truth on a curvilinear grid: turned by 20 degrees and bent."""
     x, y = np.meshgrid(
