@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import nearest
 from replay_kit.core.plan import Plan
 from replay_kit.core.words.text import place_text
 from replay_kit.results.innovations import thinned
@@ -182,6 +183,8 @@ def series_figure(contents: Contents, at: At | None) -> Figure:
         )
     if once:
         notes.append("The current was published once: there is no series.")
+    elif (radars := getattr(contents.estimate, "surface", None)) and shown <= radars.depth:
+        notes.append("The last value alone includes what radars show beside the estimate's modes.")
     panels, times, name = [], series["time"].to_numpy(), "one standard error"
     for key, component in COMPONENTS.items():
         values, errors = (series[column].to_numpy() for column in (key, f"{key}_standard_error"))
@@ -241,8 +244,7 @@ def _deepest_wet(contents: Contents, track: Array) -> Any:
     if contents.estimate is None:
         return None
     grid = contents.estimate.grid
-    nearest = [int(np.argmin((grid.east - e) ** 2 + (grid.north - n) ** 2)) for e, n, _ in track]
-    wet = grid.wet.reshape(grid.levels.size, -1)[:, nearest]
+    wet = grid.wet.reshape(grid.levels.size, -1)[:, nearest(grid, track[:, :2])]
     return np.max(np.where(wet, grid.levels[:, None], 0.0), axis=0)
 
 

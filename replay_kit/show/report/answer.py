@@ -188,6 +188,7 @@ _ITSELF = {
     "good": "log fits itself",
     "care": "log raises doubts",
     "stop": "log contradicts itself",
+    "none": "log not judged",
 }
 
 
@@ -213,10 +214,11 @@ def lights(contents: Contents) -> tuple[Light, Light, Light]:
     clashes = [one for one in outcome.consistency if one["severity"] != "misfit"]
     words = {severity_word(one["severity"]) for one in clashes}
     worst = "stop" if "contradiction" in words else "care" if clashes else "good"
+    worst = worst if outcome.complete else "none"
     said = "; ".join(f"{one['name']}: {one['evidence']}" for one in clashes)
     itself = Light(
-        _ITSELF[worst] if outcome.complete else "log not judged",
-        worst if outcome.complete else "none",
+        _ITSELF[worst],
+        worst,
         Sentence([said or "No contradiction was found in the log."]),
         ("innovations",),
     )

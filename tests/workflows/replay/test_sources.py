@@ -19,6 +19,7 @@ from tests.logs import surface_samples as made
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 from tests.measurements.section.test_lines import mission
+from tests.show.figures.texts import words
 from tests.workflows.replay.interrupted import QUICK, goes_on, job_in
 
 LEVELS = np.array([5.0, 100.0, 300.0, 600.0])
@@ -118,6 +119,9 @@ def test_after_radars_points_and_table_have_one_current_at_the_surface_and_one_e
     np.testing.assert_array_equal(later["u"], before["u"])
     grown = np.hypot(before["u_standard_error"], old.std)
     np.testing.assert_allclose(later["u_standard_error"], grown)
+    here = last[["longitude", "latitude"]].iloc[0]
+    for depth, told in ((5.0, True), (100.0, False)):
+        assert ("what radars show" in words(result.plot.series(at=(*here, depth)))) == told
 
 
 def test_recordings_that_overlap_hold_duplicates_that_contradict_nothing(tmp_path):
