@@ -10,8 +10,6 @@ import replay_kit as rk
 from planners import (
     MissionRequest,
     MissionSettings,
-    best_departure,
-    plan_departures,
     plan_mission,
 )
 from planners.odds.mission import currents_of_estimate
@@ -135,22 +133,6 @@ def test_flows_have_each_time_of_a_forecast_where_it_bends():
     known = KnownCurrent((evolving((0.0, 20.0, 80.0)),), 43200.0)
     times = [(one.time_ns - NOON) / HOUR for one in known.flow(NOON + HOUR, 1e5)]
     assert times == [0, 10, 20, 32, 44]
-
-
-@pytest.mark.full
-def test_fewer_legs_are_tried_where_a_later_departure_needs_fewer():
-    speeds = ((-0.1, 0), (-0.1, 20), (0.2, 24), (0.2, 96))
-    flows = [
-        replace(uniform_flow(speed, 0.0), time_ns=NOON + hours * HOUR) for speed, hours in speeds
-    ]
-    later = NOON + 26 * HOUR
-    against, along = plan_departures(flows, ASKED, [NOON, later])
-    alone = plan_mission(flows, replace(ASKED, start_time_ns=later))
-    assert len(along.headings_deg) == len(alone.headings_deg) < len(against.headings_deg)
-    assert along.duration == pytest.approx(alone.duration, rel=1e-3)
-    # leaving a day later it is there later, but sooner after it left
-    assert best_departure([against, along]) == 0
-    assert best_departure([replace(against, status="unreachable"), along]) == 1
 
 
 def test_a_plan_ends_at_its_horizon_and_says_what_is_left(saved):

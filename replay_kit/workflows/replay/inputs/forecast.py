@@ -39,7 +39,6 @@ class Forecasts:
 
     Attributes:
         series: Forecast at the used times, in order.
-        ensemble: Forecast of the series nearest to the log's beginning.
         evolves: Whether the estimate changes in time.
         near_ns: Time of the logs' first message [ns, UTC]; None without one.
         region: Part of the forecast found from the logs; None if all of it, or the part in the settings, was read.
@@ -47,11 +46,15 @@ class Forecasts:
     """
 
     series: tuple[Ensemble, ...]
-    ensemble: Ensemble
     evolves: bool
     near_ns: int | None = None
     region: FoundRegion | None = None
     read: Callable[[Region], Ensemble] | None = None
+
+    @property
+    def ensemble(self) -> Ensemble:
+        """Forecast of the series nearest to the log's beginning."""
+        return self.nearest(self.near_ns)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -124,8 +127,7 @@ def read_forecasts(
         # matters before a long run
         if text.startswith(WARNING):
             _LOG.warning(text.removeprefix(WARNING))
-    forecasts = Forecasts(series, series[0], evolves)
-    first = forecasts.nearest(near_ns)
+    first = Forecasts(series, evolves, near_ns).ensemble
 
     def read(window: Region) -> Ensemble:
         """Return a window of the forecast in the frame of the first."""
@@ -135,7 +137,7 @@ def read_forecasts(
         return in_frame(read_ensemble(path, asked, near_ns=near_ns), first.grid.projection)
 
     follows = read if region is not None and region.follows else None
-    return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=follows)
+    return Forecasts(series, evolves, near_ns, region, follows)
 
 
 def _check_width(ensemble: Ensemble) -> None:
