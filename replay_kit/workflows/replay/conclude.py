@@ -347,19 +347,11 @@ def _ensemble_mean_at(
     ensemble: Ensemble, truth: Ensemble, config: EstimatorConfig, at: ScoredPoints
 ) -> Array:
     """Return the ensemble mean at scored points: directly if the grids agree, else through its embedding."""
-    same = ensemble.grid.wet.shape == truth.grid.wet.shape and np.allclose(
-        ensemble.grid.levels, truth.grid.levels
-    )
-    if (
-        same
-        and np.allclose(ensemble.grid.longitude, truth.grid.longitude)
-        and np.allclose(ensemble.grid.latitude, truth.grid.latitude)
+    grid, other, velocity = ensemble.grid, truth.grid, ensemble.velocity
+    if grid.wet.shape == other.wet.shape and all(
+        np.allclose(getattr(grid, name), getattr(other, name))
+        for name in ("levels", "longitude", "latitude")
     ):
-        return np.asarray(ensemble.velocity.mean(axis=0)[:, *at.index].T)
-    mean = Ensemble(
-        ensemble.grid,
-        ensemble.velocity.mean(axis=0, keepdims=True),
-        ensemble.time_ns,
-        ensemble.source,
-    )
+        return np.asarray(velocity.mean(axis=0)[:, *at.index].T)
+    mean = replace(ensemble, velocity=velocity.mean(axis=0, keepdims=True))
     return embed_member(mean, 0, config).velocity(*at.place)
