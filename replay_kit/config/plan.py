@@ -44,7 +44,6 @@ class PlanRequest(Section):
         mooring: Stay within a radius of the goal [m] for a duration [hours].
         surfacings_only: With --mooring: only surfacings, not the track between them, must lie within the radius.
         line: Follow the line from the start to the goal.
-        line_weight: Cross-track penalty with --line [h per h and km].
         line_width: Largest distance of the track from the line at which the goal counts as reached [m]. Default: 2000.
         risk: Plan with a margin such that at most this fraction of samples violates a constraint.
         arrive: Fraction of samples that must arrive for the status reached.
@@ -77,7 +76,6 @@ class PlanRequest(Section):
     mooring: Annotated[str | None, Option("RADIUS,HOURS", _OPTIONS), Numbers("RADIUS,HOURS")] = None
     surfacings_only: Annotated[bool, Option(None, _OPTIONS)] = False
     line: Annotated[bool, Option(None, _OPTIONS)] = False
-    line_weight: Annotated[NotNegative | None, Option(None, _OPTIONS)] = None
     line_width: Annotated[float | None, Option(None, _OPTIONS)] = None
     risk: Annotated[float | None, Option("SHARE", _OPTIONS)] = None
     arrive: Annotated[float, Option("SHARE", _OPTIONS)] = ARRIVING

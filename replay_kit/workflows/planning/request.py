@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 _NEEDS = {
     "waypoint_tolerance": "waypoints",
     "surfacings_only": "mooring",
-    "line_weight": "line",
     "line_width": "line",
     "separation": "glider",
 }
@@ -84,7 +83,7 @@ def completed(request: PlanRequest) -> tuple[PlanRequest, dict[Path, FlowFile]]:
 
 
 def checked(request: PlanRequest) -> PlanRequest:
-    """Return a request checked before any file is read, with default weight and width of its line.
+    """Return a request checked before any file is read.
 
     Raises:
         ConfigError: Two options exclude each other, one needs another, or a value is invalid.
@@ -109,13 +108,7 @@ def checked(request: PlanRequest) -> PlanRequest:
             raise ConfigError(f"{option}: expected a number above 0, got {value:g}")
     if request.objective is not None:
         objective_of(request.objective)
-    if not request.line:
-        return request
-    from planners.request import Line
-
-    usual = {"line_weight": Line().weight, "line_width": Line().width}
-    unstated = {name: value for name, value in usual.items() if getattr(request, name) is None}
-    return request.model_copy(update=unstated)
+    return request
 
 
 def _option(name: str) -> str:
@@ -205,8 +198,9 @@ def shape_of(request: PlanRequest) -> Line | Mooring | None:
     if request.mooring_numbers is not None:
         radius, hours = request.mooring_numbers
         return Mooring(radius, 3600.0 * hours, request.surfacings_only)
-    weight, width = request.line_weight, request.line_width
-    return None if weight is None or width is None else Line(weight=weight, width=width)
+    if not request.line:
+        return None
+    return Line() if request.line_width is None else Line(width=request.line_width)
 
 
 # ---- inputs
