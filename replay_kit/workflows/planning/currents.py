@@ -190,7 +190,13 @@ class KnownCurrent:
 
     @cached_property
     def _uniform(self) -> Array:
-        return uniform_currents(self.first)
+        """Latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2)."""
+        # loads slowly, and a current without others beside it needs none
+        from replay_kit.estimator.basis.embedding import embed
+
+        flow, nugget = self.first, EstimatorConfig().nugget
+        both = np.repeat(np.eye(2), len(flow.nodes), axis=0)
+        return embed(flow.horizontal, flow.nodes, both, nugget)
 
     def _beside(self, time_ns: int) -> Array | float:
         """Return the latent values of currents added to the slow current at a time [ns, UTC], shape (M, Z) or (M, 1); 0 without."""
@@ -298,19 +304,6 @@ def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) 
 def _with(flow: FlowEstimate, added: Array | float) -> FlowEstimate:
     """Return an estimate with more latent values."""
     return replace(flow, latent=flow.latent + added)
-
-
-def uniform_currents(flow: FlowEstimate) -> Array:
-    """Return the latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2)."""
-    # loads slowly, and a current without others beside it needs none
-    from replay_kit.estimator.basis.embedding import embed
-
-    return embed(
-        flow.horizontal,
-        flow.nodes,
-        np.repeat(np.eye(2), len(flow.nodes), axis=0),
-        EstimatorConfig().nugget,
-    )
 
 
 def _vorticity(flow: FlowEstimate) -> Array:

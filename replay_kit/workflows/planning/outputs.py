@@ -55,7 +55,15 @@ def texts_of(
 
 def plans_json(made: Together) -> dict[str, Any]:
     """Return plans for JSON: a single one with the planners' figures, ``samples`` and ``waypoints``, null if absent."""
-    each = {name: _mission_json(one) for name, one in made.planned.items()}
+    each = {
+        name: {
+            **to_json(one.plan, one.odds),
+            "samples": _samples_json(one),
+            "waypoints": None if one.waypoints is None else waypoint_json(one.waypoints),
+            "notes": list(one.notes),
+        }
+        for name, one in made.planned.items()
+    }
     if not made.goals:
         return each[""]
     return {
@@ -63,15 +71,6 @@ def plans_json(made: Together) -> dict[str, Any]:
         "goals": dict(made.goals),
         "goals_left": list(made.left),
         "separation": list(made.separation),
-    }
-
-
-def _mission_json(planned: PlannedMission) -> dict[str, Any]:
-    return {
-        **to_json(planned.plan, planned.odds),
-        "samples": _samples_json(planned),
-        "waypoints": None if planned.waypoints is None else waypoint_json(planned.waypoints),
-        "notes": list(planned.notes),
     }
 
 

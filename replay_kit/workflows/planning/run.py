@@ -117,7 +117,12 @@ def make_plans(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Togeth
     count = sample_count(known.first, config.samples)
     check_samples(job, count, known.first.n_modes > 0)
     begin_ns, notes = known.begin(job.start_time_ns)
-    _check_horizon(job, begin_ns, known.ends_ns)
+    last_ns, horizon = known.ends_ns, job.horizon_s
+    if horizon is not None and last_ns is not None and begin_ns + horizon * 1e9 > last_ns:
+        raise PlanError(
+            f"--horizon: expected at most {(last_ns - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last_ns)}, got "
+            f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out"
+        )
     starts = job.glider_places or {"": job.start_place}
     asked = {name: _asked(job, config, on, name, at, begin_ns) for name, at in starts.items()}
     seconds = _seconds(job, [one.request for one in asked.values()])
@@ -194,16 +199,6 @@ def mission_settings(job: PlanRequest, config: PlannerConfig) -> dict[str, Any]:
         "deadline": monotonic() + limit,
         "battery": inf if job.battery is None else job.battery * 1e6,
     }
-
-
-def _check_horizon(job: PlanRequest, begin_ns: int, last_ns: int | None) -> None:
-    """Raise PlanError for a horizon beyond the end of the forecast."""
-    horizon = job.horizon_s
-    if horizon is not None and last_ns is not None and begin_ns + horizon * 1e9 > last_ns:
-        raise PlanError(
-            f"--horizon: expected at most {(last_ns - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last_ns)}, got "
-            f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out"
-        )
 
 
 def _seconds(job: PlanRequest, requests: Sequence[MissionRequest]) -> float:

@@ -33,7 +33,7 @@ from replay_kit.workflows.replay.publishing import (
     publish_surface,
     publish_track,
 )
-from replay_kit.workflows.replay.steps import Dive, Given, Step, assimilate, kept
+from replay_kit.workflows.replay.steps import Dive, Given, Step, added, assimilate, kept
 from replay_kit.workflows.replay.surfacings import (
     ForecastState,
     forecast_end,
@@ -167,7 +167,8 @@ class Run:
             of.monitoring, block, found = consistency.checked(
                 of.monitoring, block, of.setup.config, of.setup.speeds
             )
-        of.counts = of.counts.after_messages(block.counts())
+        counted = added(of.counts.messages, block.counts().items())
+        of.counts = replace(of.counts, messages=counted)
         # what waited for the end of the logs comes with it
         return block, found, np.minimum(block.events[:, 0] - first, len(own) - 1).tolist()
 

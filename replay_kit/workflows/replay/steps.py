@@ -249,10 +249,6 @@ class Counts:
         """Return the counts with so many fewer observations rejected, and rejected by the gate."""
         return replace(self, total=self.total.plus(Sums(rejected=-rejected, gated=-gated)))
 
-    def after_messages(self, found: Mapping[tuple[str, str], int]) -> "Counts":
-        """Return the counts with more messages."""
-        return replace(self, messages=added(self.messages, found.items()))
-
     def after(self, steps: Sequence[Step]) -> "Counts":
         """Return the counts after steps."""
         total, dives, kinds = self.total, dict(self.dives), dict(self.kinds)

@@ -118,7 +118,14 @@ def read_forecasts(
         one = read_ensemble(found or path, part, near_ns=near_ns, place_at=place_at)
         series, evolves = (one,), False
     if part.region is not None:
-        _check_width(series[0])
+        length, grid = correlation_length(series[0]), series[0].grid
+        widths = [float(np.ptp(axis)) for axis in (grid.east, grid.north)]
+        if min(widths) < length:
+            # only a mean could be estimated
+            raise ForecastError(
+                f"{series[0].source}: the region is {widths[0] / 1e3:.1f} x {widths[1] / 1e3:.1f} km, and the forecast's correlation "
+                f"length {length / 1e3:.1f} km: widen --region"
+            )
     of_region = () if region is None else (region.note,)
     note = _unfitted_spread(config, evolves, series[0].made_from)
     few = _too_few(config, series[0].n_members)
@@ -138,17 +145,6 @@ def read_forecasts(
 
     follows = read if region is not None and region.follows else None
     return Forecasts(series, evolves, near_ns, region, follows)
-
-
-def _check_width(ensemble: Ensemble) -> None:
-    """Raise ForecastError for a region narrower than a correlation length, in which only a mean can be estimated."""
-    length, grid = correlation_length(ensemble), ensemble.grid
-    widths = [float(np.ptp(axis)) for axis in (grid.east, grid.north)]
-    if min(widths) < length:
-        raise ForecastError(
-            f"{ensemble.source}: the region is {widths[0] / 1e3:.1f} x {widths[1] / 1e3:.1f} km, and the forecast's correlation length "
-            f"{length / 1e3:.1f} km: widen --region"
-        )
 
 
 def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[str, ...]:
