@@ -3,7 +3,7 @@
 * ``plan_mission`` plans a ``MissionRequest``: goals in order, a line, a mooring, or a single glide.
 * ``mission_odds`` simulates flights of a plan in samples of the estimate; ``with_odds`` adds the odds to its status and message;
   ``plan_by_odds`` returns the plan with the best odds, or the fastest within an accepted risk.
-* ``plan_departures`` plans one mission for several departures and ``best_departure`` selects one; ``cut_at_horizon`` truncates a plan.
+* ``cut_at_horizon`` truncates a plan.
 * ``waypoints_of`` reduces a plan to a few waypoints.
 """
 
@@ -17,11 +17,9 @@ if TYPE_CHECKING:
     from planners.odds.mission import MissionOdds, mission_odds, next_surfacing, with_odds
     from planners.odds.rank import plan_by_odds
     from planners.plan import (
-        best_departure,
         closest_approach,
         cut_at_horizon,
         fly_mission,
-        plan_departures,
         plan_mission,
     )
     from planners.request import (
@@ -48,7 +46,6 @@ __all__ = [
     "SteadyFlight",
     "Waypoints",
     "Weights",
-    "best_departure",
     "closest_approach",
     "cut_at_horizon",
     "fit_flight",
@@ -56,7 +53,6 @@ __all__ = [
     "mission_odds",
     "next_surfacing",
     "plan_by_odds",
-    "plan_departures",
     "plan_mission",
     "waypoints_of",
     "with_odds",

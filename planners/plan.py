@@ -1,8 +1,7 @@
-"""Plan of a mission: the best found, with commands, track and outcome in words; departures, a horizon, and open-loop flights."""
+"""Plan of a mission: the best found, with commands, track and outcome in words; a horizon, and open-loop flights."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -17,7 +16,7 @@ from planners.program.solution import (
 )
 from planners.program.starts import Answer, search
 from planners.program.words import horizon_text, outcome_text, tried_text
-from planners.request import Found, Line, MissionPlan, MissionRequest, Mooring
+from planners.request import Line, MissionPlan, MissionRequest, Mooring
 from planners.simulation.currents import Flow, Sample, currents_of, currents_of_samples
 from planners.simulation.fly import COARSE, Flight, Legs, fly
 from planners.task import Task, apogee_depths, task_of, turns_of, yo_depths
@@ -201,67 +200,6 @@ def legs_of_plan(plan: MissionPlan) -> Legs:
         turns_of(plan.yo_depths),
         drifts,
     )
-
-
-# Of the statuses the better one first.
-_RANKS = ("reached", "uncertain", "unreachable")
-
-
-def plan_departures(
-    flow: Flow, request: MissionRequest, starts_ns: Sequence[int]
-) -> tuple[MissionPlan, ...]:
-    """Return the best plan found for each departure, each warm-started from the previous one.
-
-    Args:
-        flow: Current estimate, or estimates at increasing times.
-        request: Request, see ``plan_mission``; its start time is ignored.
-        starts_ns: Departure times, increasing [ns, UTC]; those reached after the deadline of the settings are skipped.
-
-    Raises:
-        PlanError: See ``plan_mission``; or departures are missing or do not increase.
-    """
-    if not starts_ns or any(after <= before for before, after in pairwise(starts_ns)):
-        raise PlanError(f"departures are {list(starts_ns)} ns; expected one or more that increase")
-    plans = list[MissionPlan]()
-    for start_ns in starts_ns:
-        if plans and request.settings.is_late:
-            break
-        # leaving later, all legs of the plan before are still to be flown; where time does not count, as many may be too many
-        warm = [
-            replace(plan, start_time_ns=start_ns)
-            for plan in plans[-1:]
-            if plan.status == "reached" and plan.settings.weights.time > 0.0
-        ]
-        asked = replace(request, start_time_ns=start_ns)
-        plans.append(plan_mission(flow, asked, warm=next(iter(warm), None)))
-    return tuple(plans)
-
-
-def best_departure(plans: Sequence[MissionPlan]) -> int:
-    """Return the index of the best plan: plans that reach their goals first, then the earliest arrival.
-
-    For objectives other than ``time``, the least cost decides: the weight ``time=1`` selects the shortest mission.
-    """
-
-    def rank(plan: MissionPlan) -> tuple[int, float]:
-        named = _RANKS.index(plan.status) if plan.status in _RANKS else len(_RANKS)
-        miss, aim = float(np.sum(plan.closest_approach)), plan.settings.aim
-        if plan.status not in ("reached", "uncertain") or aim.distance_first:
-            return named, miss
-        if aim.earliest_arrival:
-            return named, plan.start_time_ns / 1e9 + plan.duration
-        return named, aim.cost(
-            Found(
-                plan.vehicle,
-                np.deg2rad(plan.glide_angles_deg),
-                plan.yo_depths,
-                plan.duration,
-                plan.energy,
-                miss,
-            )
-        )
-
-    return min(range(len(plans)), key=lambda k: rank(plans[k]))
 
 
 def first_legs(plan: MissionPlan, count: int, projection: Projection) -> MissionPlan:

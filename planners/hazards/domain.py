@@ -146,13 +146,11 @@ class Bathymetry:
         longitude: Longitude, shape (J, I) [degrees east].
         latitude: Latitude, shape (J, I) [degrees north].
         depth: Bottom depth, shape (J, I) [m], positive down; 0 or less, or NaN, for land.
-        lowest_water: Smallest and largest water-level correction of the depths [m]; None without one.
     """
 
     longitude: Array
     latitude: Array
     depth: Array
-    lowest_water: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,8 +25,6 @@ ACCEPTED_RISK = 0.1
 ARRIVING = 0.9
 # What the name of a glider may hold: it becomes part of file names.
 _NAME = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_")
-# Departures that are compared at most.
-_MOST_DEPARTURES = 100
 _INPUTS, _OPTIONS, _OUTPUTS = "Inputs", "Options", "Outputs"
 
 
@@ -42,12 +40,10 @@ class PlanRequest(Section):
             end limit the time in which one holds.
         bathymetry: Depth of the bottom on a grid.
         start_time: Start time of the mission, ISO 8601 UTC. Default: the time of a result's last fix; of an estimate alone its time.
-        depart: Compare departures from T0 to T1; the best by --objective is planned, by default the earliest arrival.
         horizon: Plan only this far ahead, such as 72h, and report what remains.
         mooring: Stay within a radius of the goal [m] for a duration [hours].
         surfacings_only: With --mooring: only surfacings, not the track between them, must lie within the radius.
         line: Follow the line from the start to the goal.
-        line_weight: Cross-track penalty with --line [h per h and km].
         line_width: Largest distance of the track from the line at which the goal counts as reached [m]. Default: 2000.
         risk: Plan with a margin such that at most this fraction of samples violates a constraint.
         arrive: Fraction of samples that must arrive for the status reached.
@@ -71,7 +67,6 @@ class PlanRequest(Section):
     no_go: Annotated[Path | None, Option("FILE", _INPUTS)] = None
     bathymetry: Annotated[Path | None, Option("FILE.nc", _INPUTS)] = None
     start_time: Annotated[str | None, Option("TIME", _OPTIONS)] = None
-    depart: Annotated[str | None, Option("T0,T1,STEP", _OPTIONS)] = None
     horizon: Annotated[str | None, Option("DURATION", _OPTIONS)] = None
     objective: Annotated[str | None, Option("NAME|WEIGHTS", _OPTIONS)] = Field(
         default=None,
@@ -81,7 +76,6 @@ class PlanRequest(Section):
     mooring: Annotated[str | None, Option("RADIUS,HOURS", _OPTIONS), Numbers("RADIUS,HOURS")] = None
     surfacings_only: Annotated[bool, Option(None, _OPTIONS)] = False
     line: Annotated[bool, Option(None, _OPTIONS)] = False
-    line_weight: Annotated[NotNegative | None, Option(None, _OPTIONS)] = None
     line_width: Annotated[float | None, Option(None, _OPTIONS)] = None
     risk: Annotated[float | None, Option("SHARE", _OPTIONS)] = None
     arrive: Annotated[float, Option("SHARE", _OPTIONS)] = ARRIVING
@@ -148,11 +142,6 @@ class PlanRequest(Section):
         return None if self.start_time is None else _time(self.start_time, "--start-time")
 
     @property
-    def departures_ns(self) -> tuple[int, ...]:
-        """Departure times to compare [ns, UTC]; empty for a single one."""
-        return () if self.depart is None else departures_of(self.depart)
-
-    @property
     def horizon_s(self) -> float | None:
         """Time since the start after which no leg ends [s]; None without a horizon."""
         return None if self.horizon is None else _duration(self.horizon, "--horizon")
@@ -175,31 +164,6 @@ class PlanRequest(Section):
                 "earlier --start-time"
             )
         return seconds
-
-
-def departures_of(text: str) -> tuple[int, ...]:
-    """Return the departure times [ns, UTC] of ``--depart T0,T1,STEP``.
-
-    Raises:
-        ConfigError: The text is not two times and a duration above 0, T1 precedes T0, or the times are too many.
-    """
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) != 3:
-        raise ConfigError(
-            f"--depart: expected T0,T1,STEP as in 2026-05-01T00:00Z,2026-05-03T00:00Z,12h, got '{text}'"
-        )
-    first, last = (_time(part, "--depart") for part in parts[:2])
-    step_ns = round(1e9 * _duration(parts[2], "--depart")) or 1
-    if last < first:
-        raise ConfigError(
-            f"--depart: expected the first departure before the last, got '{parts[0]}' and '{parts[1]}'; swap them"
-        )
-    count = (last - first) // step_ns + 1
-    if count > _MOST_DEPARTURES:
-        raise ConfigError(
-            f"--depart: expected at most {_MOST_DEPARTURES} departures, got {count}; choose a longer step"
-        )
-    return tuple(first + k * step_ns for k in range(count))
 
 
 def _duration(text: str, name: str) -> float:

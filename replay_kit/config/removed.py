@@ -49,6 +49,8 @@ SETTINGS: dict[str, dict[str, str]] = {
             ("then", "blind", "survey", "box", "profiles", "profile_error", "others"), _SAMPLING
         ),
         "policy": _BLIND,
+        "line_weight": "a line weighs as much as before without it",
+        "depart": "plan with each --start-time, and compare the arrivals",
         "spline": "plans are always flown and checked in the estimate itself",
     },
 }

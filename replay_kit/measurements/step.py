@@ -86,7 +86,7 @@ class Step(NamedTuple):
             why: Reason for exclusion, common or for each; empty if used.
         """
         words, codes = np.full(len(due), why, object), np.full(len(due), -1)
-        for reason in {*words} - {""}:
+        for reason in dict.fromkeys(filter(None, words)):
             codes[words == reason] = self.reasons.setdefault(reason, len(self.reasons))
         self.noted.append(np.column_stack(np.broadcast_arrays(due, topic, codes)))
 
@@ -94,8 +94,9 @@ class Step(NamedTuple):
         """Note the outcomes of a table's messages, at their own position or ``due``; pings of several messages count as often."""
         times = table.columns.get("messages", 1)
         words = np.repeat(np.full(len(table), why, object), times)
-        due = np.repeat(table.order if due is None else due, times)
-        self.add(due, self.topic(table.topic), words)
+        self.add(
+            np.repeat(table.order if due is None else due, times), self.topic(table.topic), words
+        )
 
     def kept(self, table: Table, why: Any) -> Table:
         """Note the excluded messages of a table, and return the others."""

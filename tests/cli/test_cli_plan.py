@@ -184,8 +184,7 @@ def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(fl
     assert (wide["status"], narrow["status"]) == ("reached", "unreachable")
     assert 30.0 < narrow["statistics"]["farthest_m"] <= wide["statistics"]["farthest_m"]
     assert "farther than 30 m" in narrow["message"]
-    options = metadata_of(tmp_path / "plan.mcap")["replay_kit.options"]
-    assert (options["line_weight"], options["line_width"]) == ("10.0", "2000.0")
+    assert metadata_of(tmp_path / "plan.mcap")["replay_kit.options"]["line"] == "True"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Report section on plans: command, depth profile, and errors of predicted surfacings."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from html import escape
@@ -69,15 +68,9 @@ def plan_section(contents: Contents) -> Section:
     if len(contents.result.surfacings):
         figures.append(surfacing_figure(contents))
     at = "plan.statistics.leg_{:03d}#".format
-    departures = [*map(json.loads, contents.metadata.get("departures", {}).values())]
-    for row in departures:
-        row["arrives"] = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
-        row["best"] = ", ".join(row["best"])
-    rows = [_row(_DEPARTURE, row) for row in departures]
     legs = [_row(_LEG, leg, at(leg["leg"])) for leg in plan.legs]
     html = [
         last_plan_html(contents, plan),
-        table_html([*_DEPARTURE], rows, "Departures compared") if rows else "",
         table_html([*_LEG], legs, "Legs of the last plan") if legs else "",
         _plans_html(contents),
         "" if found is None else f"<p>{outcomes_sentence(found).html}.</p>",
@@ -99,15 +92,6 @@ depth [m]: {depth_m:.0f}
 surfaces after [h]: {surfacing_s:hours}
 longitude: {longitude:.4f}
 latitude: {latitude:.4f}
-""")
-_DEPARTURE = _columns("""
-departure (UTC): {departure}
-status: {status}
-arrival (UTC): {arrives}
-duration [h]: {duration_s:hours}
-energy: {energy_j:kJ}
-odds of arriving: {reached:share}
-: {best}
 """)
 _PLAN = _columns("""
 begins (UTC): {begins}

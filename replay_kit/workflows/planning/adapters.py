@@ -1,6 +1,6 @@
 """Planners bound to a configuration, behind the protocol of ``replay`` and the studies."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -40,10 +40,9 @@ def planner_of(config: PlannerConfig, region: Grid) -> "MissionPlanner":
 
     Raises:
         ForecastError: The bathymetry is unusable.
-        PlanError: The vehicle cannot glide with these settings.
     """
-    made = MissionPlanner(config, glides=config.kind != "mission")
-    made.flies(region, ())
+    kind = "mission" if config.kind == "mission" else "glide"
+    made = MissionPlanner(config.model_copy(update={"kind": kind}))
     if config.bathymetry_path is None:
         return made
     bottom = read_bathymetry(config.bathymetry_path, region)
@@ -71,8 +70,7 @@ class MissionPlanner:
     """Mission planner bound to a configuration.
 
     Attributes:
-        config: ``[planner]``.
-        glides: Whether it plans glides: one leg from depth to depth, in the current at its start, without odds.
+        config: ``[planner]``, with the kind of plans.
         flown: Flight parameters of the dives so far; None if unknown.
         judges: Whether missions have odds by default.
         bathymetry: Bottom depth; None for the estimate's lowest wet level.
@@ -81,12 +79,16 @@ class MissionPlanner:
     """
 
     config: PlannerConfig
-    glides: bool = False
     flown: AsFlown | None = None
     judges: bool = False
     bathymetry: planners.Bathymetry | None = None
     seabed: Seabed | None = None
     more: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def glides(self) -> bool:
+        """Whether it plans glides: one leg from depth to depth, in the current at its start, without odds."""
+        return self.config.kind == "glide"
 
     def as_flown(self, flown: AsFlown) -> "MissionPlanner":
         """Return the planner with flight parameters as flown where the settings state none."""
@@ -96,17 +98,21 @@ class MissionPlanner:
         """Return the planner of missions with odds, as those of ``plan``."""
         return self if self.glides else replace(self, judges=True)
 
-    def flies(
-        self, grid: Grid, goals: Sequence[Place]
-    ) -> tuple[planners.Glider, planners.MissionSettings, str]:
-        """Return the vehicle and the settings of a mission to goals, and the values that no setting states, as text.
+    def request(
+        self,
+        grid: Grid,
+        start: Place,
+        goals: tuple[Place, ...],
+        start_time_ns: int,
+        no_go: tuple[planners.NoGo, ...] = (),
+    ) -> tuple[planners.MissionRequest, str]:
+        """Return the request of a mission from a place to goals, and the values that no setting states, as text.
 
         Raises:
             PlanError: The vehicle cannot glide with these settings.
         """
-        kind = "glide" if self.glides else "mission"
-        config = self.config.model_copy(update={"kind": kind})
-        goal_depth = max((goal.depth for goal in goals), default=0.0)
+        config = self.config
+        goal_depth = max(goal.depth for goal in goals)
         dives = config.diving(self.flown, goal_depth, float(grid.levels[-1]))
         glider = planners.Glider(
             dives.speed,
@@ -128,25 +134,14 @@ class MissionPlanner:
         stated = ("objective", "tolerance", "legs", "max_legs", "max_duration", "margin")
         values = {name: getattr(dives, name) for name in of_dives}
         values |= {name: getattr(config, name) for name in (*stated, "clearance")}
-        return glider, planners.MissionSettings(**{**values, **self.more}), dives.origin
-
-    def request(
-        self,
-        grid: Grid,
-        start: Place,
-        goals: tuple[Place, ...],
-        start_time_ns: int,
-        no_go: tuple[planners.NoGo, ...] = (),
-    ) -> tuple[planners.MissionRequest, str]:
-        """Return the request of a mission from a place to goals, and the dive settings not stated."""
-        glider, settings, origin = self.flies(grid, goals)
+        settings = planners.MissionSettings(**{**values, **self.more})
         request = planners.MissionRequest(
             start, goals, glider, settings, no_go, self.bathymetry, start_time_ns
         )
-        return request, origin
+        return request, dives.origin
 
-    def plan(self, flow: FlowEstimate, query: PlanQuery, span: float = 0.0) -> PlanResult:
-        """Return the best mission found from start to goal, begun at once, with the mission as memory; ``span`` [s] as of ``plan``."""
+    def plan(self, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
+        """Return the best mission found from start to goal, begun at once, with the mission as memory."""
         begin_ns, projection = query.start_time_ns, flow.grid.projection
         before: planners.MissionPlan | None = None if query.warm is None else query.warm.memory
         request, origin = self.request(flow.grid, query.start, (query.goal,), begin_ns)
@@ -156,17 +151,19 @@ class MissionPlanner:
         if before is not None and before.statistics.get(ORIGIN, "") != origin:
             # the rest of it would be flown by other dives
             before = None
-        known = KnownCurrent((flow,), self.config.flow_step)
-        seconds = max(span, span_of(request))
-        currents = flow if self.glides else known.flow(begin_ns, seconds)
-        mission = with_origin(planners.plan_mission(currents, request, warm=before), origin)
-        if not self.glides and (longer := known.longer(begin_ns, seconds, (mission,))):
-            return self.plan(flow, query, longer)
+        known, seconds = KnownCurrent((flow,), self.config.flow_step), span_of(request)
+        while True:
+            currents = flow if self.glides else known.flow(begin_ns, seconds)
+            mission = planners.plan_mission(currents, request, warm=before)
+            longer = 0.0 if self.glides else known.longer(begin_ns, seconds, (mission,))
+            if not longer:
+                break
+            seconds = longer
+        mission = with_origin(mission, origin)
         stated = 0 if self.glides else self.config.samples
         count = sample_count(flow, stated) if self.judges else stated or 0
-        drawn = known.samples(
-            begin_ns, seconds, count if len(mission.headings_deg) else 0, self.config.seed
-        )
+        has_legs = len(mission.headings_deg) > 0
+        drawn = known.samples(begin_ns, seconds, count * has_legs, self.config.seed)
         judged, odds, following, flown = mission, None, None, (currents, drawn, mission, request)
         if drawn and self.judges:
             odds = planners.mission_odds(*flown)
@@ -180,13 +177,11 @@ class MissionPlanner:
         return PlanResult(made, _next_surfacing(projection, mission, following), mission)
 
     def check(self, flow: HasGrid, goal: Place) -> None:
-        """Raise PlanError if the goal is outside the region or on land, or a mission's dives do not fit."""
+        """Raise PlanError if the goal is outside the region or on land, the vehicle cannot glide, or a mission's dives do not fit."""
         region = Region(flow.grid, self.config.depth_limit)
         locate(region, goal, "goal")
-        if self.glides:
-            return
-        depth = self.flies(flow.grid, (goal,))[1].depth
-        if not goal.depth <= depth <= region.deepest:
+        depth = self.request(flow.grid, goal, (goal,), 0)[0].settings.depth
+        if not (self.glides or goal.depth <= depth <= region.deepest):
             raise PlanError(
                 f"[planner] depth is {depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than "
                 f"{region.floor(region.deepest)}"

@@ -24,39 +24,26 @@ if TYPE_CHECKING:
 
 # Standard names before the short ones: of models (NEMO: deptho, Bathymetry, bathy_metry; ROMS: h), positive down; and of the world's grids
 # (GEBCO: elevation; ETOPO: z, Band1), positive up.
-_DEPTHS = (
-    "sea_floor_depth_below_sea_surface",
-    "sea_floor_depth_below_geoid",
-    "sea_floor_depth_below_mean_sea_level",
-    "model_sea_floor_depth_below_geoid",
-    "sea_floor_depth",
-    "deptho",
-    "bathymetry",
-    "bathy_metry",
-    "bathy_meter",
-    "depth",
-    "h",
-)
-_HEIGHTS = (
-    "height_above_mean_sea_level",
-    "height_above_geoid",
-    "surface_altitude",
-    "elevation",
-    "altitude",
-    "z",
-    "topo",
-    "band1",
-)
-# Of the water's surface above the level that depths are counted from, positive up (NEMO: zos; ROMS: zeta).
-_LEVELS = {
-    "sea_surface_height_above_geoid",
-    "sea_surface_height_above_mean_sea_level",
-    "water_surface_height_above_reference_datum",
-    "zos",
-    "zeta",
-    "ssh",
+_USUAL = {
+    **dict.fromkeys(
+        (
+            "sea_floor_depth_below_sea_surface",
+            "sea_floor_depth_below_geoid",
+            "sea_floor_depth_below_mean_sea_level",
+            "model_sea_floor_depth_below_geoid",
+            "sea_floor_depth",
+            *("deptho", "bathymetry", "bathy_metry", "bathy_meter", "depth", "h"),
+        ),
+        "down",
+    ),
+    **dict.fromkeys(
+        (
+            *("height_above_mean_sea_level", "height_above_geoid", "surface_altitude"),
+            *("elevation", "altitude", "z", "topo", "band1"),
+        ),
+        "up",
+    ),
 }
-_USUAL = dict.fromkeys(_DEPTHS, "down") | dict.fromkeys(_HEIGHTS, "up")
 # Spacings of a file's points kept beyond the ends of a region.
 _BEYOND = 2.0
 # Most cells along a side of the grid of results.
@@ -67,8 +54,7 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     """Return the bottom depth in a NetCDF file or Zarr store; only the surroundings of a region are read.
 
     The variable is found by standard name, or else by name. The attribute ``positive`` decides the sign; without it heights are positive up
-    and depths down. Units are metres. Of water levels at several times the lowest is used.
-    Land in ``mask_rho`` of ROMS is unknown depth.
+    and depths down. Units are metres. Land in ``mask_rho`` of ROMS is unknown depth.
 
     Args:
         path: The file.
@@ -154,25 +140,8 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
             f'positive = "{other}" if its sign is opposite'
         )
     # continuous where the region lies across the seam of the file
-    longitude, lowest = unwrap_longitude(longitude, float(region.longitude.mean())), None
-    if (low := _lowest_water(path, dataset, variable)) is not None:
-        values, lowest = values + np.nan_to_num(low), (float(np.nanmin(low)), float(np.nanmax(low)))
-    return Bathymetry(longitude, latitude, values, lowest)
-
-
-def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array | None:
-    """Return the lowest water level at any time, shape of the depths [m]; None if absent at their points."""
-    from replay_kit.forecast.variables import unpacked
-
-    for name, level in dataset.data_vars.items():
-        called = {str(name).lower(), str(level.attrs.get("standard_name", "")).lower()}
-        if called & _LEVELS and set(depth.dims) <= set(level.dims):
-            if why := exceeds_claim(path, 8 * level.size):
-                raise ForecastError(f"{path}: cannot read {name}: {why}; mend the file")
-            times = unpacked(level.transpose(..., *depth.dims)).reshape(-1, *depth.shape)
-            low = np.fmin.reduce(times.astype(float), axis=0) * _metre(path, level)
-            return low if np.isfinite(low).any() else None
-    return None
+    longitude = unwrap_longitude(longitude, float(region.longitude.mean()))
+    return Bathymetry(longitude, latitude, values)
 
 
 def _metre(path: Path, variable: xr.DataArray) -> float:
@@ -203,13 +172,8 @@ def _window(region: Grid, longitude: Array, latitude: Array) -> tuple[Any, Any]:
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
-    """Return notes on a bathymetry in a region: lowest water, gaps, uncovered water."""
+    """Return notes on a bathymetry in a region: gaps, uncovered water."""
     notes, longitude, latitude = list[str](), bathymetry.longitude, bathymetry.latitude
-    if bathymetry.lowest_water is not None:
-        low, high = bathymetry.lowest_water
-        notes.append(
-            f"the bottom counts as deep as at the file's lowest water, {low:.1f} to {high:.1f} m above the level of its depths"
-        )
     inside = within(bounds_of(grid), longitude, latitude)
     if gaps := int(np.sum(inside & np.isnan(bathymetry.depth))):
         notes.append(

@@ -53,12 +53,16 @@ class KnownCurrent:
         return self.estimates[0]
 
     @property
+    def _only(self) -> FlowEstimate | None:
+        return self.first if len(self.estimates) == 1 and self.first.time_ns is not None else None
+
+    @property
     def process(self) -> Process | None:
         """Process of the only estimate; None if it is static or there are several."""
-        known, last = self.first.process, self.first.last_observation_ns
-        if len(self.estimates) > 1 or known is None or self.first.time_ns is None:
+        if (flow := self._only) is None or flow.process is None:
             return None
-        return known if last is None else known.since(last)
+        last_ns = flow.last_observation_ns
+        return flow.process if last_ns is None else flow.process.since(last_ns)
 
     @cached_property
     def changes(self) -> bool:
@@ -70,20 +74,13 @@ class KnownCurrent:
         """Last time of the forecast [ns, UTC]; None if only one time is known."""
         if len(self.estimates) > 1:
             return self.estimates[-1].time_ns
-        return (
-            int(self.process.times_ns[-1])
-            if self.process is not None and self.process.times_ns.size > 1
-            else None
-        )
+        known = self.process
+        return int(known.times_ns[-1]) if known is not None and known.times_ns.size > 1 else None
 
     @property
     def local(self) -> LocalCurrent | None:
         """Local correction to the only estimate from the dives so far."""
-        return (
-            self.first.local
-            if len(self.estimates) == 1 and self.first.time_ns is not None
-            else None
-        )
+        return None if self._only is None else self._only.local
 
     def begin(self, asked_ns: int | None) -> tuple[int, tuple[str, ...]]:
         """Return the start of a mission [ns, UTC], 0 without times, and notes on it.
@@ -97,14 +94,12 @@ class KnownCurrent:
         if asked_ns is not None:
             self.check_time("--start-time", asked_ns)
             return asked_ns, ()
-        known, of = self.last_fix_ns, "last fix"
-        if known is None:
-            known, of = self.first.time_ns, "estimate"
+        of = "estimate" if self.last_fix_ns is None else "last fix"
+        known = self.first.time_ns if self.last_fix_ns is None else self.last_fix_ns
         if known is None:
             return 0, ()
-        return known, (
-            f"it begins at {time_text(known)}, the time of the {of}; --start-time sets another",
-        )
+        told = f"it begins at {time_text(known)}, the time of the {of}; --start-time sets another"
+        return known, (told,)
 
     def flow(self, begin_ns: int, seconds: float) -> Flow:
         """Return the current for planners: one constant flow, or flows at increasing times.
@@ -120,9 +115,11 @@ class KnownCurrent:
         # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
         first = self.first
         return [
-            replace(flow, latent=flow.latent + self._beside(time))
-            for time in _times(self.process, self._step, begin_ns, seconds)
-            for flow in [first.moved(time) if first.unknowns else replace(first, time_ns=time)]
+            _with(
+                first.moved(time) if first.unknowns else replace(first, time_ns=time),
+                self._beside(time),
+            )
+            for time in self._times(begin_ns, seconds)
         ]
 
     def longer(self, begin_ns: int, seconds: float, plans: Sequence[MissionPlan]) -> float:
@@ -134,7 +131,7 @@ class KnownCurrent:
             plans: Missions planned in it.
         """
         lasts = max((one.start_time_ns - begin_ns) / _NS + one.duration for one in plans)
-        until = _times(self.process, self._step, begin_ns, seconds)[-1]
+        until = self._times(begin_ns, seconds)[-1]
         ends = min(begin_ns + lasts * _NS, self.ends_ns or inf)
         changes = self.changes and len(self.estimates) == 1
         return _LONGER * lasts if changes and ends > until else 0.0
@@ -152,29 +149,17 @@ class KnownCurrent:
         """
         if count == 0:
             return ()
-        drawn = self._samples(begin_ns, seconds, count, seed)
-        return (
-            drawn if self.local is None else with_local(drawn, self.local, begin_ns, seconds, seed)
-        )
-
-    def _samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Flow]:
-        """Return samples of the estimate with the additions of ``flow``."""
-        times = _times(self.process, self._step, begin_ns, seconds)
+        times, first, drawn = self._times(begin_ns, seconds), self.first, list[Flow]()
         if self.process is None:
-            added = self._beside(times[0])
-            return [
-                replace(one, latent=one.latent + added) for one in self.first.sample(count, seed)
-            ]
-        times = [max(time_ns, self.first.time_ns or 0) for time_ns in times]
-        drawn = self.first.sample_through(times, count, seed)
-        more = [self._beside(time) for time in times]
-        return [
-            [
-                replace(flow, latent=flow.latent + one)
-                for flow, one in zip(through, more, strict=True)
-            ]
-            for through in drawn
-        ]
+            beside = self._beside(times[0])
+            drawn += [_with(one, beside) for one in first.sample(count, seed)]
+        else:
+            times = [max(time_ns, first.time_ns or 0) for time_ns in times]
+            each = [self._beside(time) for time in times]
+            drawn += [[*map(_with, one, each)] for one in first.sample_through(times, count, seed)]
+        if self.local is None:
+            return drawn
+        return with_local(drawn, self.local, begin_ns, seconds, seed)
 
     @property
     def oscillation(self) -> Oscillation | None:
@@ -190,9 +175,28 @@ class KnownCurrent:
             else min(self.flow_step, self.oscillation.shortest_period / _A_PERIOD)
         )
 
+    def _times(self, begin_ns: int, seconds: float) -> list[int]:
+        """Return times [ns, UTC] that cover a mission: those of the forecast, where it bends, and evenly spaced ones between and beyond."""
+        step, ends = round(self._step * _NS), begin_ns + round(seconds * _NS)
+        known = [begin_ns] if self.process is None else [*map(int, self.process.times_ns)]
+        times = [*range(known[0] + min((begin_ns - known[0]) // step, 0) * step, known[0], step)]
+        for last, time in pairwise(known):
+            parts = ceil((time - last) / step)
+            times += [last + (time - last) * part // parts for part in range(parts)]
+        times += range(known[-1], max(ends, known[-1]) + _STEPS * step + 1, step)
+        times = times[bisect_right(times, begin_ns) - 1 :]
+        steps = max(ceil(bisect_left(times, ends) / _STEPS), 1)
+        return times[: _STEPS * steps + 1]
+
     @cached_property
     def _uniform(self) -> Array:
-        return uniform_currents(self.first)
+        """Latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2)."""
+        # loads slowly, and a current without others beside it needs none
+        from replay_kit.estimator.basis.embedding import embed
+
+        flow, nugget = self.first, EstimatorConfig().nugget
+        both = np.repeat(np.eye(2), len(flow.nodes), axis=0)
+        return embed(flow.horizontal, flow.nodes, both, nugget)
 
     def _beside(self, time_ns: int) -> Array | float:
         """Return the latent values of currents added to the slow current at a time [ns, UTC], shape (M, Z) or (M, 1); 0 without."""
@@ -297,50 +301,22 @@ def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) 
     return KnownCurrent(tuple(flow for _, flow in files), flow_step)
 
 
-def uniform_currents(flow: FlowEstimate) -> Array:
-    """Return the latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2)."""
-    # loads slowly, and a current without others beside it needs none
-    from replay_kit.estimator.basis.embedding import embed
-
-    return embed(
-        flow.horizontal,
-        flow.nodes,
-        np.repeat(np.eye(2), len(flow.nodes), axis=0),
-        EstimatorConfig().nugget,
-    )
-
-
-def _times(process: Process | None, flow_step: float, begin_ns: int, seconds: float) -> list[int]:
-    """Return times [ns, UTC] that cover a mission: those of the forecast, where it bends, and evenly spaced ones between and beyond.
-
-    Args:
-        process: Process with the times of the forecast; None if unknown.
-        flow_step: Longest spacing [s].
-        begin_ns: Start of the mission [ns, UTC].
-        seconds: Its longest duration [s].
-    """
-    step, ends = round(flow_step * _NS), begin_ns + round(seconds * _NS)
-    known = [begin_ns] if process is None else [*map(int, process.times_ns)]
-    times = [*range(known[0] + min((begin_ns - known[0]) // step, 0) * step, known[0], step)]
-    for last, time in pairwise(known):
-        parts = ceil((time - last) / step)
-        times += [last + (time - last) * part // parts for part in range(parts)]
-    times += range(known[-1], max(ends, known[-1]) + _STEPS * step + 1, step)
-    times = times[bisect_right(times, begin_ns) - 1 :]
-    steps = max(ceil(bisect_left(times, ends) / _STEPS), 1)
-    return times[: _STEPS * steps + 1]
+def _with(flow: FlowEstimate, added: Array | float) -> FlowEstimate:
+    """Return an estimate with more latent values."""
+    return replace(flow, latent=flow.latent + added)
 
 
 def _vorticity(flow: FlowEstimate) -> Array:
     """Return the vorticity dv/dx - du/dy at the nodes of each level, shape (N, Z) [1/s]."""
     kernel, (east, north) = flow.horizontal.kernel, (values[:, None] for values in flow.nodes.T)
     dx, dy = _STENCIL * kernel.length_east, _STENCIL * kernel.length_north
-    along = (
-        flow.velocity(east + dx, north, flow.levels)[..., 1]
-        - flow.velocity(east - dx, north, flow.levels)[..., 1]
-    )
-    across = (
-        flow.velocity(east, north + dy, flow.levels)[..., 0]
-        - flow.velocity(east, north - dy, flow.levels)[..., 0]
-    )
-    return np.asarray(along / (2.0 * dx) - across / (2.0 * dy))
+
+    def slope(across: float, along: float, part: int) -> Array:
+        """Return the central difference of a component along one axis."""
+        more, less = (
+            flow.velocity(east + sign * across, north + sign * along, flow.levels)[..., part]
+            for sign in (1.0, -1.0)
+        )
+        return np.asarray((more - less) / (2.0 * (across + along)))
+
+    return slope(dx, 0.0, 1) - slope(0.0, dy, 0)

@@ -23,6 +23,12 @@ from replay_kit.show.sentences import energy_sentence
 from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.run import PlannedMission, Together
 
+# Figures of odds, each with its unit.
+_ODDS = (
+    *("count", "radius_m", "deadline_s", "reached", "arrival_median_s", "arrival_90_percent_s"),
+    *("miss_median_m", "miss_90_percent_m", "safe"),
+)
+
 
 def texts_of(
     planned: PlannedMission, geojson: Path | None, csv: Path | None, waypoints: Path | None
@@ -49,7 +55,15 @@ def texts_of(
 
 def plans_json(made: Together) -> dict[str, Any]:
     """Return plans for JSON: a single one with the planners' figures, ``samples`` and ``waypoints``, null if absent."""
-    each = {name: _mission_json(one) for name, one in made.planned.items()}
+    each = {
+        name: {
+            **to_json(one.plan, one.odds),
+            "samples": _samples_json(one),
+            "waypoints": None if one.waypoints is None else waypoint_json(one.waypoints),
+            "notes": list(one.notes),
+        }
+        for name, one in made.planned.items()
+    }
     if not made.goals:
         return each[""]
     return {
@@ -60,30 +74,10 @@ def plans_json(made: Together) -> dict[str, Any]:
     }
 
 
-def _mission_json(planned: PlannedMission) -> dict[str, Any]:
-    return {
-        **to_json(planned.plan, planned.odds),
-        "samples": _samples_json(planned),
-        "waypoints": None if planned.waypoints is None else waypoint_json(planned.waypoints),
-        "notes": list(planned.notes),
-        "departures": departures_table(planned),
-    }
-
-
 def _samples_json(planned: PlannedMission) -> dict[str, Any] | None:
     if (odds := planned.odds) is None:
         return None
-    figures = {
-        "count": odds.count,
-        "radius_m": odds.radius,
-        "deadline_s": odds.deadline,
-        "reached": odds.reached,
-        "arrival_median_s": odds.arrival_median,
-        "arrival_90_percent_s": odds.arrival_90_percent,
-        "miss_median_m": odds.miss_median,
-        "miss_90_percent_m": odds.miss_90_percent,
-        "safe": odds.safe,
-    }
+    figures = {name: getattr(odds, name.removesuffix("_m").removesuffix("_s")) for name in _ODDS}
     return {
         **{name: value if isfinite(value) else None for name, value in figures.items()},
         "reached_interval": share_interval(odds.reached, odds.count),
@@ -115,8 +109,6 @@ def print_plans(made: Together, console: Console, withheld: Mapping[str, str]) -
 
 def _print_mission(planned: PlannedMission, console: Console) -> None:
     made, battery = planned.plan, planned.job.battery
-    if planned.departures:
-        _print_departures(planned, console)
     console.print(f"{made.status}: {made.message}")
     for note in planned.notes:
         console.print(f"note: {note}")
@@ -145,66 +137,6 @@ def _print_mission(planned: PlannedMission, console: Console) -> None:
         columns,
         (_leg_cells(row, made.start_time_ns) for row in rows),
     )
-
-
-def _print_departures(planned: PlannedMission, console: Console) -> None:
-    """Print the compared departures, the planned one marked."""
-    rows = departures_table(planned)
-    columns = (
-        "departure",
-        "status",
-        "arrival",
-        "hours",
-        "energy [kJ]",
-        "legs",
-        *(("arrive",) if planned.odds is not None else ()),
-        "",
-    )
-    print_table(console, "Departures compared", columns, (_departure_cells(row) for row in rows))
-
-
-def _departure_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    arrival = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
-    share = [] if row["reached"] is None else [f"{100.0 * row['reached']:.0f} %"]
-    return (
-        row["departure"],
-        row["status"],
-        arrival,
-        f"{row['duration_s'] / 3600.0:.2f}",
-        f"{row['energy_j'] / 1e3:.0f}",
-        str(row["legs"]),
-        *share,
-        ", ".join(row["best"]),
-    )
-
-
-def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
-    """Return the compared departures, one row each, for JSON and for results.
-
-    ``best`` marks the departure ``planned`` for the mission and the one that ``arrives first``. ``arrival`` is null if the goal is not
-    reached.
-    """
-    ends = {
-        k: plan.start_time_ns + round(plan.duration * 1e9)
-        for k, (plan, _) in enumerate(planned.departures)
-        if plan.status in ("reached", "uncertain")
-    }
-    first = min(ends, key=lambda k: ends[k], default=None)
-    return [
-        {
-            "departure": time_text(plan.start_time_ns),
-            "status": plan.status,
-            "arrival": time_text(ends[k]) if k in ends else None,
-            "duration_s": plan.duration,
-            "energy_j": plan.energy,
-            "legs": len(plan.headings_deg),
-            "miss_m": float(plan.closest_approach[-1]),
-            "reached": reached,
-            "best": ["planned"] * (plan.start_time_ns == planned.plan.start_time_ns)
-            + ["arrives first"] * (k == first),
-        }
-        for k, (plan, reached) in enumerate(planned.departures)
-    ]
 
 
 def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:

@@ -21,7 +21,6 @@ from replay_kit.results.outcome.outcome import made
 from replay_kit.results.outcome.parts import plan_part
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.bathymetry import seabed_of
-from replay_kit.workflows.planning.outputs import departures_table
 from replay_kit.workflows.planning.request import checked, planned_on
 from replay_kit.workflows.planning.run import PlannedMission, make_plans, mission_settings
 from replay_kit.workflows.replay.inputs.provenance import (
@@ -72,11 +71,14 @@ def write_mission(path: Path, overwrite: bool, planned: PlannedMission, config: 
         },
         "legs": {str(row["leg"]): json.dumps(row) for row in legs},
     }
-    if planned.departures:
-        rows = departures_table(planned)
-        metadata["departures"] = {row["departure"]: json.dumps(row) for row in rows}
+    settings = mission_settings(config.plan, config.planner)
+    used = {"kind": "mission", "samples": planned.drawn, "max_duration": settings["max_duration"]}
+    # weights have no place in a configuration
+    if isinstance(settings["objective"], str):
+        used["objective"] = settings["objective"]
+    config = config.model_copy(update={"planner": config.planner.model_copy(update=used)})
     with ResultWriter(path, overwrite) as writer:
-        writer.start(projection, begin, metadata, run_settings_toml(_settings_of(config, planned)))
+        writer.start(projection, begin, metadata, run_settings_toml(config))
         if on.bathymetry is not None:
             writer.seabed(begin, seabed_of(on.bathymetry, on.region))
         writer.plan(plan, projection)
@@ -98,15 +100,6 @@ def _metadata(request: PlanRequest) -> dict[str, Mapping[str, str]]:
         PLAN_RECORD: {"request": request.model_dump_json(exclude=files, exclude_none=True)},
         "replay_kit.versions": package_versions(),
     }
-
-
-def _settings_of(config: RunConfig, planned: PlannedMission) -> RunConfig:
-    """Return the configuration of a mission; weights of an objective have no place in a configuration."""
-    settings = mission_settings(config.plan, config.planner)
-    used = {"kind": "mission", "samples": planned.drawn, "max_duration": settings["max_duration"]}
-    if isinstance(settings["objective"], str):
-        used["objective"] = settings["objective"]
-    return config.model_copy(update={"planner": config.planner.model_copy(update=used)})
 
 
 def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> PlanRequest:

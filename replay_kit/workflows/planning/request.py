@@ -8,10 +8,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
@@ -29,24 +29,22 @@ if TYPE_CHECKING:
     from replay_kit.core.flow.estimate import FlowEstimate
     from replay_kit.core.grid import Grid
     from replay_kit.core.plan import Place
-    from replay_kit.show.status.held import Held
+    from replay_kit.show.status.held import Fix
     from replay_kit.workflows.planning.currents import KnownCurrent
 
 # Options that need another, and those that exclude others.
 _NEEDS = {
     "waypoint_tolerance": "waypoints",
     "surfacings_only": "mooring",
-    "line_weight": "line",
     "line_width": "line",
     "separation": "glider",
 }
 _EXCLUDES = {
-    "mooring": "line objective waypoints risk depart horizon arrive_by",
-    "line": "risk depart horizon",
-    "depart": "start_time risk horizon arrive_by",
+    "mooring": "line objective waypoints risk horizon arrive_by",
+    "line": "risk horizon",
     "horizon": "waypoints arrive_by",
-    "glider": "start depart horizon mooring line risk arrive_by",
-    "objective odds": "mooring line depart risk glider",
+    "glider": "start horizon mooring line risk arrive_by",
+    "objective odds": "mooring line risk glider",
 }
 _POSITIVE = ("time_limit", "battery", "separation", "horizon_s", "line_width")
 
@@ -64,17 +62,15 @@ def completed(request: PlanRequest) -> tuple[PlanRequest, dict[Path, FlowFile]]:
     if request.glider or not request.flows or all(asked) or not is_result(request.flows[-1]):
         return request, {}
     file = read_flow(request.flows[-1])
-    several = len(file.held) > 1
+    several = len(file.offers) > 1
     if several and any(asked):
         raise ConfigError(
-            f"--start and --goal: expected both, or neither, for a result of several vehicles ({', '.join(file.held)}), got one of them"
+            f"--start and --goal: expected both, or neither, for a result of several vehicles ({', '.join(file.offers)}), got one of them"
         )
-    used = {name: one for name, one in file.held.items() if not several or (one.fixes and one.goal)}
+    used = {name: one for name, one in file.offers.items() if not several or all(one[:2])}
     goals = {name: ",".join(map(str, one.goal)) for name, one in used.items() if one.goal}
     starts = {
-        name: f"{one.fixes[-1].longitude},{one.fixes[-1].latitude},0"
-        for name, one in used.items()
-        if one.fixes
+        name: f"{one.fix.longitude},{one.fix.latitude},0" for name, one in used.items() if one.fix
     }
     if len(starts) > 1:
         named = [tuple(map("=".join, of.items())) for of in (starts, goals)]
@@ -87,7 +83,7 @@ def completed(request: PlanRequest) -> tuple[PlanRequest, dict[Path, FlowFile]]:
 
 
 def checked(request: PlanRequest) -> PlanRequest:
-    """Return a request checked before any file is read, with default weight and width of its line.
+    """Return a request checked before any file is read.
 
     Raises:
         ConfigError: Two options exclude each other, one needs another, or a value is invalid.
@@ -98,7 +94,7 @@ def checked(request: PlanRequest) -> PlanRequest:
         )
     # read once, so that what is wrong with them is said before anything is loaded
     places = "glider_places goals_of_gliders" if request.glider else "start_place goals"
-    for name in (*places.split(), "start_time_ns", "departures_ns"):
+    for name in (*places.split(), "start_time_ns"):
         getattr(request, name)
     request.arrive_by_s(request.start_time_ns or 0)
     _check_together(request)
@@ -112,13 +108,7 @@ def checked(request: PlanRequest) -> PlanRequest:
             raise ConfigError(f"{option}: expected a number above 0, got {value:g}")
     if request.objective is not None:
         objective_of(request.objective)
-    if not request.line:
-        return request
-    from planners.request import Line
-
-    usual = {"line_weight": Line().weight, "line_width": Line().width}
-    unstated = {name: value for name, value in usual.items() if getattr(request, name) is None}
-    return request.model_copy(update=unstated)
+    return request
 
 
 def _option(name: str) -> str:
@@ -208,8 +198,9 @@ def shape_of(request: PlanRequest) -> Line | Mooring | None:
     if request.mooring_numbers is not None:
         radius, hours = request.mooring_numbers
         return Mooring(radius, 3600.0 * hours, request.surfacings_only)
-    weight, width = request.line_weight, request.line_width
-    return None if weight is None or width is None else Line(weight=weight, width=width)
+    if not request.line:
+        return None
+    return Line() if request.line_width is None else Line(width=request.line_width)
 
 
 # ---- inputs
@@ -241,6 +232,20 @@ class PlannedOn:
         return self.known.first.grid
 
 
+class Offer(NamedTuple):
+    """What a file with an estimate offers for the request of a vehicle; None for what it does not hold.
+
+    Attributes:
+        fix: Last fix.
+        goal: Goal of the run: longitude, latitude [degrees] and depth [m].
+        flown: Flight parameters.
+    """
+
+    fix: Fix | None
+    goal: tuple[float, float, float] | None
+    flown: AsFlown | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FlowFile:
     """Content of a file with an estimate.
@@ -248,14 +253,14 @@ class FlowFile:
     Attributes:
         path: The file.
         flows: Estimates of its windows in order; the last one is that of its end.
-        held: Other content of a result by vehicle, empty name for a single one; empty for a pure estimate.
+        offers: What it offers for a request by vehicle, empty name for a single one.
         notes: Losses of the file, or a missing checksum.
         exit_code: Exit code of a command that uses it: 4 if something was lost, else 0.
     """
 
     path: Path
     flows: tuple[FlowEstimate, ...]
-    held: Mapping[str, Held] = field(default_factory=dict)
+    offers: Mapping[str, Offer]
     notes: tuple[str, ...] = ()
     exit_code: int = 0
 
@@ -268,17 +273,6 @@ class FlowFile:
             if all(inside(box, place.longitude, place.latitude) for place in places):
                 return flow
         return self.flows[-1]
-
-    @property
-    def flown(self) -> dict[str, AsFlown]:
-        """Flight parameters in the file by vehicle name, empty for a single one."""
-        from replay_kit.core.as_flown import AS_FLOWN, AsFlown
-
-        metadata = {name: held.metadata for name, held in self.held.items()}
-        if saved := self.flows[-1].about.get(AS_FLOWN):
-            metadata[""] = {AS_FLOWN: json.loads(saved)}
-        found = {name: AsFlown.in_metadata(records) for name, records in metadata.items()}
-        return {name: flown for name, flown in found.items() if flown is not None}
 
 
 def planned_on(
@@ -336,10 +330,11 @@ def read_known(
     from replay_kit.workflows.planning.currents import known_current
 
     known = known_current([(file.path, file.at(places)) for file in files], flow_step)
-    ends = [held.fixes[-1].time_ns for held in files[0].held.values() if held.fixes]
+    ends = [one.fix.time_ns for one in files[0].offers.values() if one.fix]
     if len(files) == 1 and ends:
         known = replace(known, last_fix_ns=max(ends))
-    return known, {name: flown for file in files for name, flown in file.flown.items()}
+    flown = ((name, one.flown) for file in files for name, one in file.offers.items() if one.flown)
+    return known, dict(flown)
 
 
 def read_flow(path: Path) -> FlowFile:
@@ -348,18 +343,29 @@ def read_flow(path: Path) -> FlowFile:
     Raises:
         ReplayKitError: The file is missing or has no estimate.
     """
+    from replay_kit.core.as_flown import AS_FLOWN, AsFlown
+
     if not is_result(path):
         from replay_kit.core.flow.file import load
 
-        return FlowFile(path, (load(path),))
+        flow = load(path)
+        saved = {name: json.loads(text) for name, text in flow.about.items() if name == AS_FLOWN}
+        return FlowFile(path, (flow,), {"": Offer(None, None, AsFlown.in_metadata(saved))})
     from replay_kit.results.reader import ResultReader
     from replay_kit.workflows.sound import sound_result
     from replay_kit.workflows.status import read_each
 
     with sound_result(path) as sound:
         reader = ResultReader(sound.path, opened=sound.file)
-        held = read_each(reader)
-        return FlowFile(path, reader.estimates(), held, sound.lines, sound.exit_code)
+        offers = {
+            name: Offer(
+                held.fixes[-1] if held.fixes else None,
+                held.goal,
+                AsFlown.in_metadata(held.metadata),
+            )
+            for name, held in read_each(reader).items()
+        }
+        return FlowFile(path, reader.estimates(), offers, sound.lines, sound.exit_code)
 
 
 def is_result(path: Path) -> bool:

@@ -55,29 +55,28 @@ class Account:
 
     def topics(self) -> list[dict[str, Any]]:
         """Return a row per topic of the logs: number of messages read, used and skipped, and skipped by reason."""
-        read, used = Counter[str](), Counter[str]()
+        merged, read = self.merged, Counter[str]()
         reasons: dict[str, Counter[str]] = defaultdict(Counter)
         for report in self.reports:
             read.update(report.read)
             for topic, (count, why) in report.undecodable.items():
                 reasons[topic][f"cannot be decoded: {why}"] += count
         for (topic, reason), count in self.counts.messages.items():
-            if reason:
-                reasons[topic][reason] += count
-            else:
-                used[topic] = count
-        for excluded, why in (
-            (self.merged.late, "later than the reorder window allows"),
-            (self.merged.astray, "its stamp is far from its neighbours'"),
+            reasons[topic][reason] += count
+        for why, excluded in (
+            ("later than the reorder window allows", merged.late),
+            ("its stamp is far from its neighbours'", merged.astray),
         ):
             for topic, count in excluded.items():
                 reasons[topic][why] += count
         rows = []
         for topic in sorted(read):
-            skipped, known = read[topic] - used[topic], reasons[topic]
+            known = reasons[topic]
+            used = known.pop("", 0)
+            skipped = read[topic] - used
             if (unexplained := skipped - known.total()) > 0:
                 known["not needed by the estimator, or outside the time span"] += unexplained
-            counts = {"read": read[topic], "used": used[topic], "skipped": skipped}
+            counts = {"read": read[topic], "used": used, "skipped": skipped}
             rows.append({"topic": topic, **counts, "reasons": known})
         return rows
 
@@ -211,7 +210,7 @@ def _measured(counts: Counts) -> dict[str, Any]:
             "used": sums.profiles,
             "rejected": sums.rejected,
             "values": sums.dof,
-            **_named("rms_", sums.rms_of("before", "after", "prior")),
+            **sums.rms_of("before", "after", "prior", begin="rms_"),
             "nis_per_dof": sums.nis_per_dof,
             "doubts": [
                 f"{n} with {doubt}" for (of, doubt), n in counts.doubts.items() if of == kind
@@ -236,17 +235,13 @@ def _measured(counts: Counts) -> dict[str, Any]:
                 "dive": dive,
                 "profiles": sums.profiles,
                 "bins": sums.bins,
-                **_named("rms_innovation_", sums.rms_of("predicted", "prior")),
+                **sums.rms_of("predicted", "prior", begin="rms_innovation_"),
                 "nis_per_dof": sums.nis_per_dof,
             }
             for dive, sums in sorted(counts.dives.items())
         ],
         "evidence": evidence_part(counts.log_evidence),
     }
-
-
-def _named(begin: str, figures: Mapping[str, float]) -> dict[str, float]:
-    return {f"{begin}{name}": value for name, value in figures.items()}
 
 
 def _notes_of(reports: Sequence[LogReport]) -> list[str]:

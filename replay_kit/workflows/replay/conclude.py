@@ -19,7 +19,6 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation.evidence import Evidence
 from replay_kit.core.region import bounds_of
 from replay_kit.estimator import embed_member
-from replay_kit.forecast import ensemble_files
 from replay_kit.forecast.members.rules import Elsewhere
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
 from replay_kit.results.outcome.outcome import Outcome, made
@@ -35,7 +34,6 @@ from replay_kit.workflows.replay.consistency import check_file, conclusions, req
 from replay_kit.workflows.replay.inputs.forecast import flow_at
 from replay_kit.workflows.replay.inputs.job import name_of, open_truth
 from replay_kit.workflows.replay.inputs.prepare import Prepared
-from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.publishing import depth_slices
 from replay_kit.workflows.replay.run import Run, end, left_windows
 from replay_kit.workflows.replay.surfacings import next_surfacing
@@ -53,8 +51,7 @@ def conclude(
         others: Names of competing forecasts, and the log evidence under each.
     """
     job, useless = inputs.job, useless_of(run, inputs)
-    about = cited((*job.log_files, *ensemble_files(job.ensemble)), run.config)
-    flows, windows = _last_flows(run, about)
+    flows, windows = _last_flows(run)
     each = zip(run.of, inputs.accounts(run), flows, strict=True)
     found = {one[0].setup.name: _found(*one, inputs, others) for one in each}
     if job.vehicles:
@@ -104,11 +101,11 @@ def _write(
         replace(flow, about={**flow.about, **vehicle}).save(inputs.job.save_estimate)
 
 
-def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate], dict[str, int]]:
+def _last_flows(run: Run) -> tuple[list[FlowEstimate], dict[str, int]]:
     """Finish surfacings, plan for each vehicle, publish the last slices and the other windows.
 
     Returns:
-        Last estimate of each vehicle, with its citation, shared within a window; and the window numbers of vehicles in other windows than
+        Last estimate of each vehicle, shared within a window; and the window numbers of vehicles in other windows than
         the first.
     """
     held, flows = dict[Hashable, FlowEstimate](), list[FlowEstimate]()
@@ -119,7 +116,7 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
         window = estimator.window(run.current)
         if window not in held:
             own = flow_at(estimator, run.current, run.last_ns) if run.is_pooled else planned_on
-            dated = replace(run.dated(own), about=about)
+            dated = replace(run.dated(own), about=dict(run.config.output.metadata))
             held[window] = replace(dated, span_ns=span_ns) if run.is_pooled else dated
         flows.append(held[window])
     _, *others = held.values()
@@ -350,19 +347,11 @@ def _ensemble_mean_at(
     ensemble: Ensemble, truth: Ensemble, config: EstimatorConfig, at: ScoredPoints
 ) -> Array:
     """Return the ensemble mean at scored points: directly if the grids agree, else through its embedding."""
-    same = ensemble.grid.wet.shape == truth.grid.wet.shape and np.allclose(
-        ensemble.grid.levels, truth.grid.levels
-    )
-    if (
-        same
-        and np.allclose(ensemble.grid.longitude, truth.grid.longitude)
-        and np.allclose(ensemble.grid.latitude, truth.grid.latitude)
+    grid, other, velocity = ensemble.grid, truth.grid, ensemble.velocity
+    if grid.wet.shape == other.wet.shape and all(
+        np.allclose(getattr(grid, name), getattr(other, name))
+        for name in ("levels", "longitude", "latitude")
     ):
-        return np.asarray(ensemble.velocity.mean(axis=0)[:, *at.index].T)
-    mean = Ensemble(
-        ensemble.grid,
-        ensemble.velocity.mean(axis=0, keepdims=True),
-        ensemble.time_ns,
-        ensemble.source,
-    )
+        return np.asarray(velocity.mean(axis=0)[:, *at.index].T)
+    mean = replace(ensemble, velocity=velocity.mean(axis=0, keepdims=True))
     return embed_member(mean, 0, config).velocity(*at.place)

@@ -15,15 +15,14 @@ from replay_kit.core.as_flown import FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, Profiles, VehicleState
+from replay_kit.core.observation import Fix, VehicleState
 from replay_kit.core.surfacing import Basis, forecast_place
 from replay_kit.estimator.next_dive.process import FIXES_STD, DiveMean
-from replay_kit.measurements.means import Path, Spot, begun, extended, path_mean
-from replay_kit.measurements.track.dives import SurfacingState, detect_surfacing
+from replay_kit.measurements.means import Path, Spot, path_mean
+from replay_kit.measurements.track.dives import SurfacingState
 from replay_kit.workflows.replay.events import Track
 
 _NO_DEPTH = np.empty(0)
-_NOWHERE = dict.fromkeys(Spot._fields, _NO_DEPTH) | {"time": np.empty(0, np.int64)}
 #: Levels [m], shape (Z,), and the current there, shape (Z, 2) [m/s], true east and north.
 Ahead = tuple[Array, Array]
 
@@ -66,68 +65,22 @@ class Between:
     ahead: Ahead | None = None
 
 
-def watched(
-    state: Between, event: VehicleState | Profiles, surface_depth: float, last: Dive | None
-) -> tuple[Between, Dive | None, bool]:
-    """Return the state after the surfacing that an event shows, the dive ended by it, if any, and whether another dive begins.
-
-    Args:
-        state: State before the event.
-        event: Position or profile, in log order.
-        surface_depth: Depth above which the vehicle is at the surface [m].
-        last: Last dive.
-    """
-    detection, end = detect_surfacing(state.detection, event, surface_depth)
-    before, path, dive = state.detection, state.path, None
-    begins = _in_dive(detection) and (end is not None or not _in_dive(before))
-    state = replace(state, detection=detection)
-    if end is None:
-        return state, None, begins
-    if path is not None and end.time_ns > path.start.time:
-        # a dive's profiles may have waited for the fix after it
-        first_ns = int(event["time"][0]) if isinstance(event, Profiles) else event.time_ns
-        number = (detection if first_ns <= end.time_ns else before).dive
-        dive = _surfaced(path, end, number, state.ahead, last)
-    return replace(state, path=None), dive, begins
-
-
-def dived(state: Between, fix: VehicleState, flow: FlowEstimate, last: Dive | None) -> Between:
-    """Return the state at the beginning of a dive from a fix, with the estimate of that time; ``last`` is the last dive."""
-    return replace(state, path=begun(_spot(fix)), ahead=ahead_of(fix, flow, last))
-
-
-def moved(state: Between, event: VehicleState | Profiles, surface_depth: float) -> Between:
-    """Return the state after a position, or after the depth of a profile's first bin if positions have none."""
-    path = state.path
-    if isinstance(event, Profiles):
-        known = event["depth"][0][np.isfinite(event["depth"][0])]
-        if path is None or path.reckoned or not known.size:
-            return state
-        return replace(state, path=extended(path, _NOWHERE, known.min(keepdims=True)))
-    if not event.dead_reckoned and not event.depth > surface_depth:
-        return replace(state, latest=event)
-    if path is None:
-        return state
-    more = {name: np.array([part]) for name, part in _spot(event)._asdict().items()}
-    return replace(state, path=extended(path, more, _NO_DEPTH))
-
-
 def adrift(state: Between, track: Track, surface_depth: float) -> Between | None:
     """Return the state after fixes at the surface between dives; None for other positions."""
     below = track.columns["dead_reckoned"].any() or (track.columns["depth"] > surface_depth).any()
-    if below or _in_dive(state.detection):
+    if below or in_dive(state.detection):
         return None
     latest = track[-1]
     return replace(state, detection=replace(state.detection, fix=latest), latest=latest)
 
 
-def _surfaced(
+def dive_along(
     path: Path, end: VehicleState, number: int, ahead: Ahead | None, last: Dive | None
 ) -> Dive:
     """Return the dive along a path to a fix."""
-    mean = path_mean(path, _spot(end), (0.0, 0.0), 0.0)
+    mean = path_mean(path, spot_of(end), (0.0, 0.0), 0.0)
     depth, weight = mean["path_depth"], mean["weight"]
-    start, fix = (Fix(at.time, at.longitude, at.latitude) for at in (path.start, _spot(end)))
+    start, fix = (Fix(at.time, at.longitude, at.latitude) for at in (path.start, spot_of(end)))
     seconds, velocity = over_ground(start, fix)
     current, basis = predicted(ahead, last, depth, weight)
     dive = DiveMean(
@@ -149,11 +102,13 @@ def over_ground(start: Fix, end: Fix) -> tuple[float, Array]:
     return seconds, np.array(to_local(frame, end.longitude, end.latitude)) / seconds
 
 
-def _spot(position: VehicleState) -> Spot:
+def spot_of(position: VehicleState) -> Spot:
+    """Return a position as a point of a path."""
     return Spot(position.time_ns, position.longitude, position.latitude, position.depth)
 
 
-def _in_dive(detection: SurfacingState) -> bool:
+def in_dive(detection: SurfacingState) -> bool:
+    """Return whether the vehicle is in a dive."""
     return detection.submerged or not detection.reported
 
 

@@ -95,6 +95,16 @@ Event = Track | Aside | Profiles | PathMean | LinearMeasurement
 _Other = Aside | PathMean | LinearMeasurement
 
 
+def light(event: Event) -> Event:
+    """Return an observation without data needed only by its checks or a result, detached from its block."""
+    if isinstance(event, LinearMeasurement):
+        return replace(event, label=replace(event.label, vectors=None))
+    if isinstance(event, Profiles):
+        columns = {name: column.copy() for name, column in event.columns.items()}
+        return Profiles(columns, event.topics)
+    return event
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Events:
     """Waiting events of a vehicle, in order.

@@ -7,6 +7,7 @@ maximum-likelihood covariance of the field is fitted to the first two times, unt
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from operator import methodcaller
 
 import numpy as np
 
@@ -90,11 +91,15 @@ class PublishingState:
 
 
 def publish_surface(
-    state: PublishingState, step: Step, flow_at: Callable[[int], FlowEstimate]
-) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after a step, and the surface current by the vectors of a radar, if it assimilated such as outputs.
+    writer: ResultWriter,
+    state: PublishingState,
+    step: Step,
+    flow_at: Callable[[int], FlowEstimate],
+) -> PublishingState:
+    """Write the surface current by the vectors of a radar, if a step assimilated such, and return the state after it.
 
     Args:
+        writer: Writer of the result.
         state: State before it.
         step: The step.
         flow_at: Function of the estimate after it at a time [ns, UTC].
@@ -102,55 +107,41 @@ def publish_surface(
     event = step.event
     vectors = event.label.vectors if isinstance(event, LinearMeasurement) else None
     if step.innovation is None or not vectors:
-        return state, ()
-    now_ns = event.time_ns
-    surface, found = surface_step(state.surface, vectors, flow_at(now_ns))
-    state = replace(state, surface=surface)
-    return state, (lambda writer: writer.surface(now_ns, found),) if found else ()
+        return state
+    surface, found = surface_step(state.surface, vectors, flow_at(event.time_ns))
+    if found:
+        writer.surface(event.time_ns, found)
+    return replace(state, surface=surface)
 
 
 def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:
     """Return the innovations of a block of steps as one output."""
     found = [one for step in steps if (one := step.innovation) is not None]
-    return ((lambda writer: writer.innovations(found)),) if found else ()
+    return (methodcaller("innovations", found),) if found else ()
 
 
 def publish_track(
-    state: PublishingState, track: Iterable[VehicleState], flow_at: Callable[[int], FlowEstimate]
-) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after consecutive positions, with these and the vehicle's frame, oriented along its track, as outputs."""
+    writer: ResultWriter,
+    state: PublishingState,
+    track: Iterable[VehicleState],
+    flow_at: Callable[[int], FlowEstimate],
+) -> PublishingState:
+    """Write consecutive positions and the vehicle's frame, oriented along its track; return the state after them."""
     track = list(track)
     projection = state.projection or flow_at(track[0].time_ns).grid.projection
     degrees = np.array([(each.longitude, each.latitude) for each in track])
     local = (each.tolist() for each in to_local(projection, *degrees.T))
-    turned, placed, moves = state.turned, state.placed, list[tuple[_Place, float] | None]()
+    turned, placed = state.turned, state.placed
     for position, east, north in zip(track, *local, strict=True):
         turned, place = turned or (east, north, 0.0), (east, north, _depth(position))
         moved = east - turned[0], north - turned[1]
         if math.hypot(*moved) > _MOVED:
             turned = east, north, math.atan2(*moved)
+        writer.fix(position)
         if placed is None or math.dist(placed, place) > _MOVED:
             placed = place
-            moves.append((place, turned[2]))
-        else:
-            moves.append(None)
-
-    def write(writer: ResultWriter) -> None:
-        for position, move in zip(track, moves, strict=True):
-            writer.fix(position)
-            if move is not None:
-                writer.vehicle(position.time_ns, *move)
-
-    after = replace(state, projection=projection, turned=turned, placed=placed)
-    return after, (write,)
-
-
-def publish_window(
-    state: PublishingState, flow: FlowEstimate
-) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after publication of a window left, with its last estimate and number as output."""
-    number = state.windows + 1
-    return replace(state, windows=number), (lambda writer: writer.window(number, flow),)
+            writer.vehicle(position.time_ns, place, turned[2])
+    return replace(state, projection=projection, turned=turned, placed=placed)
 
 
 def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> Output:

@@ -5,10 +5,11 @@ estimate: each has its own messages, checks, counts and plans, and its observati
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import copy
 from functools import partial
-from operator import itemgetter
+from operator import itemgetter, methodcaller
 from typing import Any, Literal
 
 import numpy as np
@@ -24,16 +25,15 @@ from replay_kit.core.words.progress import Stopwatch
 from replay_kit.measurements.observed import begun, taken
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.workflows.replay import consistency, plans
-from replay_kit.workflows.replay.events import Aside, Event, Events, Item, Track, items
+from replay_kit.workflows.replay.events import Aside, Events, Item, Track, items, light
 from replay_kit.workflows.replay.publishing import (
     Output,
     depth_slices,
     publish_innovations,
     publish_surface,
     publish_track,
-    publish_window,
 )
-from replay_kit.workflows.replay.steps import Dive, Given, Step, assimilate, kept
+from replay_kit.workflows.replay.steps import Dive, Given, Step, added, assimilate, kept
 from replay_kit.workflows.replay.surfacings import (
     ForecastState,
     forecast_end,
@@ -167,7 +167,8 @@ class Run:
             of.monitoring, block, found = consistency.checked(
                 of.monitoring, block, of.setup.config, of.setup.speeds
             )
-        of.counts = of.counts.after_messages(block.counts())
+        counted = added(of.counts.messages, block.counts().items())
+        of.counts = replace(of.counts, messages=counted)
         # what waited for the end of the logs comes with it
         return block, found, np.minimum(block.events[:, 0] - first, len(own) - 1).tolist()
 
@@ -297,7 +298,7 @@ class Run:
         steps, each = self._stepped(given)
         if self.is_pooled:
             self.kept += [
-                (number, _light(event))
+                (number, light(event))
                 for number, event in given
                 if not isinstance(event, Track | Aside)
             ]
@@ -338,19 +339,16 @@ class Run:
     def write(self, of: OfVehicle, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
-            with self.writer.of(of.setup.name), self.clock.stage("write"):
+            with self.writing(of) as writer:
                 for output in outputs:
-                    output(self.writer)
+                    output(writer)
 
-
-def _light(event: Event) -> Event:
-    """Return an observation without data needed only by its checks or a result, detached from its block."""
-    if isinstance(event, LinearMeasurement):
-        return replace(event, label=replace(event.label, vectors=None))
-    if isinstance(event, Profiles):
-        columns = {name: column.copy() for name, column in event.columns.items()}
-        return Profiles(columns, event.topics)
-    return event
+    @contextmanager
+    def writing(self, of: OfVehicle) -> Iterator[ResultWriter]:
+        """Yield the writer of a result for what is of a vehicle."""
+        assert self.writer is not None
+        with self.writer.of(of.setup.name), self.clock.stage("write"):
+            yield self.writer
 
 
 # ---- what follows from a step
@@ -399,18 +397,19 @@ def _publish(
     """Publish positions, or the surface current and due depth slices after an observation."""
     if run.writer is None:
         return
-    if isinstance(event := step.event, Track | VehicleState):
-        track = event if isinstance(event, Track) else [event]
-        of.publishing, outputs = publish_track(of.publishing, track, flow_after)
-    else:
-        of.publishing, outputs = publish_surface(of.publishing, step, flow_after)
-    # vehicles share the slices of a window
-    window = of.estimator.window(step.after) if run.is_pooled else None
-    due_ns, settings, now_ns = run.next_slices_ns.get(window), of.setup.config.output, event.time_ns
-    if step.innovation is not None and (due_ns is None or now_ns >= due_ns):
-        run.next_slices_ns[window] = now_ns + int(settings.interval * 1e9)
-        outputs += (depth_slices(now_ns, flow_after(now_ns), settings),)
-    run.write(of, outputs)
+    event, settings, now_ns = step.event, of.setup.config.output, step.event.time_ns
+    with run.writing(of) as writer:
+        if isinstance(event, Track | VehicleState):
+            track = event if isinstance(event, Track) else [event]
+            of.publishing = publish_track(writer, of.publishing, track, flow_after)
+        else:
+            of.publishing = publish_surface(writer, of.publishing, step, flow_after)
+        # vehicles share the slices of a window
+        window = of.estimator.window(step.after) if run.is_pooled else None
+        due_ns = run.next_slices_ns.get(window)
+        if step.innovation is not None and (due_ns is None or now_ns >= due_ns):
+            run.next_slices_ns[window] = now_ns + int(settings.interval * 1e9)
+            depth_slices(now_ns, flow_after(now_ns), settings)(writer)
 
 
 def _plan(
@@ -429,16 +428,16 @@ def _plan(
 def _expect(run: Run, of: OfVehicle, forecasts: ForecastState) -> None:
     """Store the state of the surfacing forecasts, and write the outcomes that are new."""
     fresh, of.forecasts = forecasts.outcomes[len(of.forecasts.outcomes) :], forecasts
-    run.write(of, (partial(ResultWriter.dive_outcome, outcome=one) for one in fresh))
+    run.write(of, (methodcaller("dive_outcome", one) for one in fresh))
 
 
 def left_windows(run: Run, flows: Iterable[FlowEstimate]) -> list[int]:
     """Publish the last estimates of windows; return their numbers."""
     of, numbers = run.of[0], list[int]()
-    for flow in flows:
-        of.publishing, outputs = publish_window(of.publishing, flow)
-        run.write(of, outputs)
-        numbers.append(of.publishing.windows)
+    for number, flow in enumerate(flows, of.publishing.windows + 1):
+        of.publishing = replace(of.publishing, windows=number)
+        run.write(of, [methodcaller("window", number, flow)])
+        numbers.append(number)
     return numbers
 
 

@@ -186,10 +186,10 @@ class Sums(NamedTuple):
         """Return the sums of both."""
         return Sums(*map(add, self, other))
 
-    def rms_of(self, *names: str) -> dict[str, float]:
-        """Return the root mean square [m/s] of sums of squares, by their names; NaN without data."""
+    def rms_of(self, *names: str, begin: str = "") -> dict[str, float]:
+        """Return the root mean square [m/s] of sums of squares, by their names after a common beginning; NaN without data."""
         return {
-            name: float(np.sqrt(getattr(self, name) / self.dof)) if self.dof else np.nan
+            f"{begin}{name}": float(np.sqrt(getattr(self, name) / self.dof)) if self.dof else np.nan
             for name in names
         }
 
@@ -248,10 +248,6 @@ class Counts:
     def without(self, rejected: int, gated: int = 0) -> "Counts":
         """Return the counts with so many fewer observations rejected, and rejected by the gate."""
         return replace(self, total=self.total.plus(Sums(rejected=-rejected, gated=-gated)))
-
-    def after_messages(self, found: Mapping[tuple[str, str], int]) -> "Counts":
-        """Return the counts with more messages."""
-        return replace(self, messages=added(self.messages, found.items()))
 
     def after(self, steps: Sequence[Step]) -> "Counts":
         """Return the counts after steps."""

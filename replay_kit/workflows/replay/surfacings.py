@@ -37,17 +37,19 @@ from replay_kit.estimator.next_dive.flight import FlightBias
 from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
+from replay_kit.measurements.means import Spot, begun, extended
+from replay_kit.measurements.track.dives import detect_surfacing
 from replay_kit.workflows.replay.displacements import (
     Between,
     Dive,
     adrift,
     ahead_of,
-    dived,
-    moved,
+    dive_along,
+    in_dive,
     over_ground,
     path_average,
     predicted,
-    watched,
+    spot_of,
 )
 from replay_kit.workflows.replay.events import Aside, Track
 from replay_kit.workflows.replay.steps import Step
@@ -57,6 +59,7 @@ _BACKGROUNDS = 2
 _UNKNOWN = np.full((_BACKGROUNDS, 2), np.nan)
 _BY_MEANS = MeanCurrentProcess(n_backgrounds=_BACKGROUNDS)
 _BY_FIXES = MeanCurrentProcess(n_backgrounds=1)
+_NOWHERE = dict.fromkeys(Spot._fields, np.empty(0)) | {"time": np.empty(0, np.int64)}
 # m; cells in which a dive's profiles are averaged
 _CELL = 10.0
 #: Returns the estimate for a time [ns, UTC].
@@ -76,21 +79,20 @@ class Gathered:
     sums: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def after(self, profiles: Columns) -> "Gathered":
-        """Return the sums with absolute profiles of dives; others change nothing."""
+        """Return the sums of the last dive that has absolute profiles; others change nothing."""
         dives, absolute = profiles["dive"], np.isfinite(profiles["common_std"])
         used = usable(profiles["flags"]) & np.isfinite(profiles["velocity"]).all(axis=2)
         used &= ((dives != 0) & absolute)[:, None]
-        gathered = self
-        for dive in dict.fromkeys(dives[used.any(axis=1)].tolist()):
-            own = used & (dives == dive)[:, None]
-            sums = gathered.sums if dive == gathered.dive else np.zeros((0, 3))
-            cell = (np.maximum(profiles["depth"][own], 0.0) // _CELL).astype(np.int64)
-            more = max(int(cell.max()) + 1 - len(sums), 0)
-            sums = np.vstack([sums, np.zeros((more, 3))])
-            each = np.column_stack([np.ones(cell.size), profiles["velocity"][own]])
-            np.add.at(sums, cell, each)
-            gathered = Gathered(dive, sums)
-        return gathered
+        if not used.any():
+            return self
+        dive = int(dives[used.any(axis=1)][-1])
+        used &= (dives == dive)[:, None]
+        cell = (np.maximum(profiles["depth"][used], 0.0) // _CELL).astype(np.int64)
+        sums = self.sums if dive == self.dive else np.zeros((0, 3))
+        more = max(int(cell.max()) + 1 - len(sums), 0)
+        sums = np.vstack([sums, np.zeros((more, 3))])
+        np.add.at(sums, cell, np.column_stack([np.ones(cell.size), profiles["velocity"][used]]))
+        return Gathered(dive, sums)
 
     def along(self, mean: PathMean) -> Array | None:
         """Return the mean along the path of the dive's DAC, shape (2,), constant beyond the profiles; None without any."""
@@ -233,14 +235,33 @@ def forecast_step(
         return forecast_mean(state, mean, backgrounds, inverted.get(mean.dive))
     if between is None or not isinstance(event, VehicleState | Profiles):
         return state
-    between, dive, begins = watched(between, event, surface_depth, state.last)
-    if dive is not None:
-        state = _scored(state, replace(dive, number=dive.number or state.known.dives + 1))
+    detection, end = detect_surfacing(between.detection, event, surface_depth)
+    path, ahead, latest = between.path, between.ahead, between.latest
+    begins = in_dive(detection) and (end is not None or not in_dive(between.detection))
+    if end is not None:
+        if path is not None and end.time_ns > path.start.time:
+            # a dive's profiles may have waited for the fix after it
+            first_ns = int(event["time"][0]) if isinstance(event, Profiles) else event.time_ns
+            number = (detection if first_ns <= end.time_ns else between.detection).dive
+            number = number or state.known.dives + 1
+            state = _scored(state, dive_along(path, end, number, ahead, state.last))
+        path = None
     if begins:
         state = forecast_end(state)
-        if (fix := between.latest) is not None:
-            between = dived(between, fix, flow_at(fix.time_ns), state.last)
-    return replace(state, between=moved(between, event, surface_depth))
+        if latest is not None:
+            flow = flow_at(latest.time_ns)
+            path, ahead = begun(spot_of(latest)), ahead_of(latest, flow, state.last)
+    if isinstance(event, Profiles):
+        # its first bin tells the depth where positions have none
+        depth = event["depth"][0][np.isfinite(event["depth"][0])]
+        if path is not None and not path.reckoned and depth.size:
+            path = extended(path, _NOWHERE, depth.min(keepdims=True))
+    elif not event.dead_reckoned and not event.depth > surface_depth:
+        latest = event
+    elif path is not None:
+        more = {name: np.array([part]) for name, part in spot_of(event)._asdict().items()}
+        path = extended(path, more, _NOWHERE["depth"])
+    return replace(state, between=Between(detection, latest, path, ahead))
 
 
 def forecast_track(

@@ -63,15 +63,13 @@ def static() -> xr.Dataset:
     return xr.Dataset({"deptho": depth}, axes)
 
 
-def roms(level=None, name="zeta", **attributes) -> xr.Dataset:
+def roms() -> xr.Dataset:
     rho = ("eta_rho", "xi_rho")
     made = {
         "h": (rho, np.maximum(DEPTH, 10.0), {"units": "meter"}),
         "mask_rho": (rho, WET.astype(float)),
         "angle": (rho, 0.0 * DEPTH),
     }
-    if level is not None:
-        made[name] = (("ocean_time", *rho), level, {"units": "cm", **attributes})
     return xr.Dataset(made, {"lon_rho": (rho, CURVED[0]), "lat_rho": (rho, CURVED[1])})
 
 
@@ -101,20 +99,6 @@ def test_depths_are_positive_down_in_metres(dataset, engine, tmp_path):
     assert not np.any(found.depth[~WET] > 0.0)
     np.testing.assert_allclose(np.mod(found.longitude, 360.0), CURVED[0], rtol=1e-12)
     np.testing.assert_allclose(found.latitude, CURVED[1], rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "named", [{}, {"name": "eta", "standard_name": "sea_surface_height_above_geoid"}]
-)
-def test_depths_are_those_at_lowest_water_where_the_file_has_its_level(named, tmp_path):
-    lowest = -1.5 + 0.01 * np.arange(25.0)
-    tide = np.array([1.9, 0.0, 2.4])[:, None, None] + lowest
-    level = np.where(WET, np.broadcast_to(tide, (3, *DEPTH.shape)), np.nan)
-    plain, low = (read(tmp_path, one) for one in (roms(), roms(100.0 * level, **named)))
-    np.testing.assert_allclose(low.depth[WET], (plain.depth + lowest)[WET], rtol=1e-12)
-    assert low.lowest_water == pytest.approx((-1.5, -1.26))
-    (note,) = set(bathymetry_notes(low, WHOLE)) - set(bathymetry_notes(plain, WHOLE))
-    assert "lowest water, -1.5 to -1.3 m" in note
 
 
 @pytest.mark.parametrize(

@@ -184,8 +184,8 @@ def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
 
 def test_a_result_of_several_with_one_goal_is_planned_as_flown(result, monkeypatch):
     file = inputs.read_flow(result.path)
-    without = {name: file.held[name]._replace(plans=(), metadata={}) for name in ("sg1", "sg3")}
-    monkeypatch.setattr(inputs, "read_flow", lambda _: replace(file, held=file.held | without))
+    without = {name: file.offers[name]._replace(goal=None, flown=None) for name in ("sg1", "sg3")}
+    monkeypatch.setattr(inputs, "read_flow", lambda _: replace(file, offers=file.offers | without))
     made = json.loads(succeed(f"plan {result.path} --samples 0 --json -").stdout)
     assert "; as flown: " in made["message"]
 

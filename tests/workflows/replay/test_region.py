@@ -23,10 +23,6 @@ from replay_kit.workflows.replay.inputs.checks import check_logs
 from replay_kit.workflows.replay.inputs.forecast import build
 from replay_kit.workflows.replay.inputs.job import forecasts_of
 from replay_kit.workflows.replay.inputs.region import _first_window, window_points
-from replay_kit.workflows.replay.publishing import (
-    PublishingState,
-    publish_window,
-)
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
 from tests import synthetic
@@ -185,12 +181,11 @@ def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(followed
 
 def test_windows_of_an_estimate_that_was_rebuilt_do_not_count(followed, tmp_path):
     flows = ResultFile(followed[0]).estimates
-    state, writer = PublishingState(), ResultWriter(tmp_path / "rebuilt.mcap")
+    writer = ResultWriter(tmp_path / "rebuilt.mcap")
     # those before the last are of an estimate that was rebuilt
-    for flow in (*flows[:2], flows[1]):
-        state, (window,) = publish_window(state, flow)
-        window(writer)
-    writer.write_metadata(WINDOWS_RECORD, {"withdrawn": str(state.windows - 1)})
+    for number, flow in enumerate((*flows[:2], flows[1]), 1):
+        writer.window(number, flow)
+    writer.write_metadata(WINDOWS_RECORD, {"withdrawn": "2"})
     writer.finish(flows[-1])
     found = ResultFile(tmp_path / "rebuilt.mcap").estimates
     assert len(found) == 2

@@ -39,7 +39,6 @@ class Forecasts:
 
     Attributes:
         series: Forecast at the used times, in order.
-        ensemble: Forecast of the series nearest to the log's beginning.
         evolves: Whether the estimate changes in time.
         near_ns: Time of the logs' first message [ns, UTC]; None without one.
         region: Part of the forecast found from the logs; None if all of it, or the part in the settings, was read.
@@ -47,11 +46,15 @@ class Forecasts:
     """
 
     series: tuple[Ensemble, ...]
-    ensemble: Ensemble
     evolves: bool
     near_ns: int | None = None
     region: FoundRegion | None = None
     read: Callable[[Region], Ensemble] | None = None
+
+    @property
+    def ensemble(self) -> Ensemble:
+        """Forecast of the series nearest to the log's beginning."""
+        return self.nearest(self.near_ns)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -115,7 +118,14 @@ def read_forecasts(
         one = read_ensemble(found or path, part, near_ns=near_ns, place_at=place_at)
         series, evolves = (one,), False
     if part.region is not None:
-        _check_width(series[0])
+        length, grid = correlation_length(series[0]), series[0].grid
+        widths = [float(np.ptp(axis)) for axis in (grid.east, grid.north)]
+        if min(widths) < length:
+            # only a mean could be estimated
+            raise ForecastError(
+                f"{series[0].source}: the region is {widths[0] / 1e3:.1f} x {widths[1] / 1e3:.1f} km, and the forecast's correlation "
+                f"length {length / 1e3:.1f} km: widen --region"
+            )
     of_region = () if region is None else (region.note,)
     note = _unfitted_spread(config, evolves, series[0].made_from)
     few = _too_few(config, series[0].n_members)
@@ -124,8 +134,7 @@ def read_forecasts(
         # matters before a long run
         if text.startswith(WARNING):
             _LOG.warning(text.removeprefix(WARNING))
-    forecasts = Forecasts(series, series[0], evolves)
-    first = forecasts.nearest(near_ns)
+    first = Forecasts(series, evolves, near_ns).ensemble
 
     def read(window: Region) -> Ensemble:
         """Return a window of the forecast in the frame of the first."""
@@ -135,18 +144,7 @@ def read_forecasts(
         return in_frame(read_ensemble(path, asked, near_ns=near_ns), first.grid.projection)
 
     follows = read if region is not None and region.follows else None
-    return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=follows)
-
-
-def _check_width(ensemble: Ensemble) -> None:
-    """Raise ForecastError for a region narrower than a correlation length, in which only a mean can be estimated."""
-    length, grid = correlation_length(ensemble), ensemble.grid
-    widths = [float(np.ptp(axis)) for axis in (grid.east, grid.north)]
-    if min(widths) < length:
-        raise ForecastError(
-            f"{ensemble.source}: the region is {widths[0] / 1e3:.1f} x {widths[1] / 1e3:.1f} km, and the forecast's correlation length "
-            f"{length / 1e3:.1f} km: widen --region"
-        )
+    return Forecasts(series, evolves, near_ns, region, follows)
 
 
 def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[str, ...]:

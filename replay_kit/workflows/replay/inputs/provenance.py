@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import version
@@ -15,7 +14,7 @@ from replay_kit.core.files.inputs import Stamp, open_input, stamps_of
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place
 from replay_kit.forecast import ensemble_files, find_sources
-from replay_kit.forecast.remote.kept import attributes_of, record_of
+from replay_kit.forecast.remote.kept import record_of
 from replay_kit.logs.reader import LogFile
 from replay_kit.results.losses import iso_time
 from replay_kit.results.reader import VEHICLES_RECORD, VehicleRecord, vehicle_records
@@ -193,27 +192,6 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         "kernel_length_north_m": repr(flow.horizontal.kernel.length_north),
         "kernel_speed": repr(flow.horizontal.kernel.speed),
     }
-
-
-def cited(files: Iterable[Path], config: RunConfig) -> dict[str, str]:
-    """Return the global attributes of outputs: DOIs of the inputs, and those in the settings.
-
-    Args:
-        files: Inputs; DOIs are read from NetCDF-4 files.
-        config: Settings with ``output.metadata``.
-    """
-    found: dict[str, list[str]] = {}
-    for path in files:
-        attributes = attributes_of(path)
-        for key in ("doi", "DOI", "id", "references"):
-            if doi := re.search(r"10\.\d{4,9}/[^\s,;\"]+", attributes.get(key, "")):
-                found.setdefault(f"https://doi.org/{doi[0]}", []).append(path.name)
-                break
-    texts = [
-        f"{doi} ({names[0]}{f' and {len(names) - 1} more' if names[1:] else ''})"
-        for doi, names in found.items()
-    ]
-    return {**({"references": "; ".join(texts)} if texts else {}), **config.output.metadata}
 
 
 def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
