@@ -3,7 +3,7 @@
 * ``plan_mission`` plans a ``MissionRequest``: goals in order, a line, a mooring, or a single glide.
 * ``mission_odds`` simulates flights of a plan in samples of the estimate; ``with_odds`` adds the odds to its status and message;
   ``plan_by_odds`` returns the plan with the best odds, or the fastest within an accepted risk.
-* ``cut_at_horizon`` truncates a plan.
+* ``best_departure`` selects one of the plans for several start times; ``cut_at_horizon`` truncates a plan.
 * ``waypoints_of`` reduces a plan to a few waypoints.
 """
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from planners.odds.mission import MissionOdds, mission_odds, next_surfacing, with_odds
     from planners.odds.rank import plan_by_odds
     from planners.plan import (
+        best_departure,
         closest_approach,
         cut_at_horizon,
         fly_mission,
@@ -46,6 +47,7 @@ __all__ = [
     "SteadyFlight",
     "Waypoints",
     "Weights",
+    "best_departure",
     "closest_approach",
     "cut_at_horizon",
     "fit_flight",

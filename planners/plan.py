@@ -1,4 +1,4 @@
-"""Plan of a mission: the best found, with commands, track and outcome in words; a horizon, and open-loop flights."""
+"""Plan of a mission: the best found, with commands, track and outcome in words; the best departure, a horizon, and open-loop flights."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ from planners.program.solution import (
 )
 from planners.program.starts import Answer, search
 from planners.program.words import horizon_text, outcome_text, tried_text
-from planners.request import Line, MissionPlan, MissionRequest, Mooring
+from planners.request import Found, Line, MissionPlan, MissionRequest, Mooring
 from planners.simulation.currents import Flow, Sample, currents_of, currents_of_samples
 from planners.simulation.fly import COARSE, Flight, Legs, fly
 from planners.task import Task, apogee_depths, task_of, turns_of, yo_depths
@@ -200,6 +200,37 @@ def legs_of_plan(plan: MissionPlan) -> Legs:
         turns_of(plan.yo_depths),
         drifts,
     )
+
+
+# Of the statuses the better one first.
+_RANKS = ("reached", "uncertain", "unreachable")
+
+
+def best_departure(plans: Sequence[MissionPlan]) -> int:
+    """Return the index of the best plan: plans that reach their goals first, then the earliest arrival.
+
+    For objectives other than ``time``, the least cost decides: the weight ``time=1`` selects the shortest mission.
+    """
+
+    def rank(plan: MissionPlan) -> tuple[int, float]:
+        named = _RANKS.index(plan.status) if plan.status in _RANKS else len(_RANKS)
+        miss, aim = float(np.sum(plan.closest_approach)), plan.settings.aim
+        if plan.status not in ("reached", "uncertain") or aim.distance_first:
+            return named, miss
+        if aim.earliest_arrival:
+            return named, plan.start_time_ns / 1e9 + plan.duration
+        return named, aim.cost(
+            Found(
+                plan.vehicle,
+                np.deg2rad(plan.glide_angles_deg),
+                plan.yo_depths,
+                plan.duration,
+                plan.energy,
+                miss,
+            )
+        )
+
+    return min(range(len(plans)), key=lambda k: rank(plans[k]))
 
 
 def first_legs(plan: MissionPlan, count: int, projection: Projection) -> MissionPlan:

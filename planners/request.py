@@ -77,13 +77,15 @@ class Objective:
 
     Attributes:
         weights: Cost minimised for a given number of legs.
-        rank: Cost that ranks feasible missions of different legs and routes; None for the cost of ``weights``.
+        rank: Cost that ranks feasible missions of different legs, routes and departures; None for the cost of ``weights``.
         distance_first: Whether the miss distance takes precedence over the cost.
+        earliest_arrival: Whether the earliest arrival selects the departure, so that waiting costs time.
     """
 
     weights: Weights
     rank: Callable[[Found], float] | None = None
     distance_first: bool = False
+    earliest_arrival: bool = False
 
     def cost(self, found: Found) -> float:
         """Return the ranking cost of a mission."""
@@ -95,10 +97,10 @@ class Objective:
 
 
 OBJECTIVES: dict[str, Objective] = {
-    "time": Objective(Weights(time=1.0)),
+    "time": Objective(Weights(time=1.0), earliest_arrival=True),
     "energy": Objective(Weights(energy=1.0)),
     # of the numbers of legs the one with which most samples arrive, by plan_by_odds; without samples as time
-    "odds": Objective(Weights(time=1.0)),
+    "odds": Objective(Weights(time=1.0), earliest_arrival=True),
     # of two missions that are equally close the quicker one
     "closest": Objective(Weights(time=1.0), distance_first=True),
 }

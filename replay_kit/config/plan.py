@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 ACCEPTED_RISK = 0.1
 #: Share of the samples that must arrive where none is stated.
 ARRIVING = 0.9
+# Departures that are compared at most.
+_MOST_DEPARTURES = 100
 # What the name of a glider may hold: it becomes part of file names.
 _NAME = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_")
 _INPUTS, _OPTIONS, _OUTPUTS = "Inputs", "Options", "Outputs"
@@ -40,6 +42,7 @@ class PlanRequest(Section):
             end limit the time in which one holds.
         bathymetry: Depth of the bottom on a grid.
         start_time: Start time of the mission, ISO 8601 UTC. Default: the time of a result's last fix; of an estimate alone its time.
+        depart: Compare departures from T0 to T1; the best by --objective is planned, by default the earliest arrival.
         horizon: Plan only this far ahead, such as 72h, and report what remains.
         mooring: Stay within a radius of the goal [m] for a duration [hours].
         surfacings_only: With --mooring: only surfacings, not the track between them, must lie within the radius.
@@ -67,6 +70,7 @@ class PlanRequest(Section):
     no_go: Annotated[Path | None, Option("FILE", _INPUTS)] = None
     bathymetry: Annotated[Path | None, Option("FILE.nc", _INPUTS)] = None
     start_time: Annotated[str | None, Option("TIME", _OPTIONS)] = None
+    depart: Annotated[str | None, Option("T0,T1,STEP", _OPTIONS)] = None
     horizon: Annotated[str | None, Option("DURATION", _OPTIONS)] = None
     objective: Annotated[str | None, Option("NAME|WEIGHTS", _OPTIONS)] = Field(
         default=None,
@@ -142,6 +146,11 @@ class PlanRequest(Section):
         return None if self.start_time is None else _time(self.start_time, "--start-time")
 
     @property
+    def departures_ns(self) -> tuple[int, ...]:
+        """Departure times to compare [ns, UTC]; empty for a single one."""
+        return () if self.depart is None else departures_of(self.depart)
+
+    @property
     def horizon_s(self) -> float | None:
         """Time since the start after which no leg ends [s]; None without a horizon."""
         return None if self.horizon is None else _duration(self.horizon, "--horizon")
@@ -164,6 +173,31 @@ class PlanRequest(Section):
                 "earlier --start-time"
             )
         return seconds
+
+
+def departures_of(text: str) -> tuple[int, ...]:
+    """Return the departure times [ns, UTC] of ``--depart T0,T1,STEP``.
+
+    Raises:
+        ConfigError: The text is not two times and a duration above 0, T1 precedes T0, or the times are too many.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 3:
+        raise ConfigError(
+            f"--depart: expected T0,T1,STEP as in 2026-05-01T00:00Z,2026-05-03T00:00Z,12h, got '{text}'"
+        )
+    first, last = (_time(part, "--depart") for part in parts[:2])
+    step_ns = round(1e9 * _duration(parts[2], "--depart")) or 1
+    if last < first:
+        raise ConfigError(
+            f"--depart: expected the first departure before the last, got '{parts[0]}' and '{parts[1]}'; swap them"
+        )
+    count = (last - first) // step_ns + 1
+    if count > _MOST_DEPARTURES:
+        raise ConfigError(
+            f"--depart: expected at most {_MOST_DEPARTURES} departures, got {count}; choose a longer step"
+        )
+    return tuple(first + k * step_ns for k in range(count))
 
 
 def _duration(text: str, name: str) -> float:

@@ -50,7 +50,6 @@ SETTINGS: dict[str, dict[str, str]] = {
         ),
         "policy": _BLIND,
         "line_weight": "a line weighs as much as before without it",
-        "depart": "plan with each --start-time, and compare the arrivals",
         "spline": "plans are always flown and checked in the estimate itself",
     },
 }

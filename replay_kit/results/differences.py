@@ -19,6 +19,8 @@ from replay_kit.results.result import ResultFile
 #: Values are the same to this, of themselves where they are above 1.
 TOLERANCE = 1e-9
 _TABLES = ("fixes", "observations", "innovations", "surface", "surfacings", "plans", "plan_tracks")
+# records of a plan, each value JSON
+_PLANNED = ("legs", "departures")
 # what of a run may differ without a difference of its values
 _OF_MAKING = ("settings.", "replay_kit.inputs", "replay_kit.options", "replay_kit.versions")
 
@@ -177,16 +179,17 @@ def _made(recorded: Recorded) -> dict[str, Any]:
 
 
 def _found(result: ResultFile) -> dict[str, Any]:
-    """Return legs, findings, verdict and exit codes of a run."""
+    """Return legs, departures, findings, verdict and exit codes of a run."""
     records, outcome = result.reader.metadata, result.outcome
-    legs = {
-        f"legs: {path}": value
-        for key, text in records.get("legs", {}).items()
+    planned = {
+        f"{record}: {path}": value
+        for record in _PLANNED
+        for key, text in records.get(record, {}).items()
         for path, value in leaves(json.loads(text), key)
     }
     names = [one["name"] for one in outcome.consistency]
     return {
-        **legs,
+        **planned,
         "finding": ", ".join(names) or "none",
         "verdict": outcome.verdict.word,
         "exit code": ", ".join(map(str, outcome.exit_codes)) or "none",

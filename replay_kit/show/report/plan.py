@@ -1,5 +1,6 @@
 """Report section on plans: command, depth profile, and errors of predicted surfacings."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from html import escape
@@ -67,10 +68,16 @@ def plan_section(contents: Contents) -> Section:
     figures = [profile_figure(contents, plan)] if len(plan.track) else []
     if len(contents.result.surfacings):
         figures.append(surfacing_figure(contents))
+    departures = [*map(json.loads, contents.metadata.get("departures", {}).values())]
+    for row in departures:
+        row["arrives"] = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
+        row["best"] = ", ".join(row["best"])
+    rows = [_row(_DEPARTURE, row) for row in departures]
     at = "plan.statistics.leg_{:03d}#".format
     legs = [_row(_LEG, leg, at(leg["leg"])) for leg in plan.legs]
     html = [
         last_plan_html(contents, plan),
+        table_html([*_DEPARTURE], rows, "Departures compared") if rows else "",
         table_html([*_LEG], legs, "Legs of the last plan") if legs else "",
         _plans_html(contents),
         "" if found is None else f"<p>{outcomes_sentence(found).html}.</p>",
@@ -101,6 +108,17 @@ glide angle [°]: {glide_angle_deg:.1f}
 duration [h]: {duration_s:hours}
 misses the goal by [m]: {closest_approach_m:,.0f}
 message: {message}
+""")
+
+
+_DEPARTURE = _columns("""
+departure (UTC): {departure}
+status: {status}
+arrival (UTC): {arrives}
+duration [h]: {duration_s:hours}
+energy: {energy_j:kJ}
+odds of arriving: {reached:share}
+: {best}
 """)
 
 

@@ -61,6 +61,7 @@ def plans_json(made: Together) -> dict[str, Any]:
             "samples": _samples_json(one),
             "waypoints": None if one.waypoints is None else waypoint_json(one.waypoints),
             "notes": list(one.notes),
+            "departures": departures_table(one),
         }
         for name, one in made.planned.items()
     }
@@ -112,6 +113,8 @@ def _print_mission(planned: PlannedMission, console: Console) -> None:
     console.print(f"{made.status}: {made.message}")
     for note in planned.notes:
         console.print(f"note: {note}")
+    if planned.departures:
+        _print_departures(planned, console)
     if len(made.headings_deg) == 0:
         return
     energy = energy_sentence(made.energy, None if battery is None else battery * 1e6)
@@ -154,6 +157,53 @@ def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
         when,
         where,
     )
+
+
+def _print_departures(planned: PlannedMission, console: Console) -> None:
+    """Print the compared departures, the planned one marked."""
+    columns = "departure", "status", "arrival", "hours", "energy [kJ]", "legs", "arrive", ""
+    rows = [
+        (
+            row["departure"],
+            row["status"],
+            row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km",
+            f"{row['duration_s'] / 3600.0:.2f}",
+            f"{row['energy_j'] / 1e3:.0f}",
+            str(row["legs"]),
+            "" if row["reached"] is None else f"{100.0 * row['reached']:.0f} %",
+            ", ".join(row["best"]),
+        )
+        for row in departures_table(planned)
+    ]
+    print_table(console, "Departures compared", columns, rows)
+
+
+def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
+    """Return the compared departures, one row each, for JSON and for results.
+
+    ``best`` marks the departure ``planned`` for the mission and the one that ``arrives first``. ``arrival`` is null if the goal is not
+    reached.
+    """
+    rows: list[dict[str, Any]] = [
+        {
+            "departure": time_text((plan := one.plan).start_time_ns),
+            "status": plan.status,
+            "arrival": time_text(plan.start_time_ns + round(plan.duration * 1e9))
+            if plan.status in ("reached", "uncertain")
+            else None,
+            "duration_s": plan.duration,
+            "energy_j": plan.energy,
+            "legs": len(plan.headings_deg),
+            "miss_m": float(plan.closest_approach[-1]),
+            "reached": None if one.odds is None else one.odds.reached,
+            "best": ["planned"] * (plan.start_time_ns == planned.plan.start_time_ns),
+        }
+        for one in planned.departures
+    ]
+    arriving = [row for row in rows if row["arrival"]]
+    if arriving:
+        min(arriving, key=lambda row: row["arrival"])["best"].append("arrives first")
+    return rows
 
 
 def unsafe_reason(planned: PlannedMission) -> str | None:

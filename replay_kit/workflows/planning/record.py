@@ -21,6 +21,7 @@ from replay_kit.results.outcome.outcome import made
 from replay_kit.results.outcome.parts import plan_part
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.bathymetry import seabed_of
+from replay_kit.workflows.planning.outputs import departures_table
 from replay_kit.workflows.planning.request import checked, planned_on
 from replay_kit.workflows.planning.run import PlannedMission, make_plans, mission_settings
 from replay_kit.workflows.replay.inputs.provenance import (
@@ -77,6 +78,8 @@ def write_mission(path: Path, overwrite: bool, planned: PlannedMission, config: 
     if isinstance(settings["objective"], str):
         used["objective"] = settings["objective"]
     config = config.model_copy(update={"planner": config.planner.model_copy(update=used)})
+    if rows := departures_table(planned):
+        metadata["departures"] = {row["departure"]: json.dumps(row) for row in rows}
     with ResultWriter(path, overwrite) as writer:
         writer.start(projection, begin, metadata, run_settings_toml(config))
         if on.bathymetry is not None:

@@ -40,11 +40,12 @@ _NEEDS = {
     "separation": "glider",
 }
 _EXCLUDES = {
-    "mooring": "line objective waypoints risk horizon arrive_by",
-    "line": "risk horizon",
+    "mooring": "line objective waypoints risk depart horizon arrive_by",
+    "line": "risk depart horizon",
+    "depart": "start_time risk horizon arrive_by",
     "horizon": "waypoints arrive_by",
-    "glider": "start horizon mooring line risk arrive_by",
-    "objective odds": "mooring line risk glider",
+    "glider": "start depart horizon mooring line risk arrive_by",
+    "objective odds": "mooring line depart risk glider",
 }
 _POSITIVE = ("time_limit", "battery", "separation", "horizon_s", "line_width")
 
@@ -94,7 +95,7 @@ def checked(request: PlanRequest) -> PlanRequest:
         )
     # read once, so that what is wrong with them is said before anything is loaded
     places = "glider_places goals_of_gliders" if request.glider else "start_place goals"
-    for name in (*places.split(), "start_time_ns"):
+    for name in (*places.split(), "start_time_ns", "departures_ns"):
         getattr(request, name)
     request.arrive_by_s(request.start_time_ns or 0)
     _check_together(request)

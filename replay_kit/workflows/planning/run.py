@@ -10,7 +10,7 @@ import numpy as np
 
 from planners.odds.mission import MissionOdds, mission_odds, with_odds
 from planners.odds.rank import plan_by_odds
-from planners.plan import cut_at_horizon, fly_mission, plan_mission, to_its_end
+from planners.plan import best_departure, cut_at_horizon, fly_mission, plan_mission, to_its_end
 from planners.request import MissionPlan, MissionRequest, MissionSettings, Mooring
 from planners.several import JointMissions, assign, plan_missions, share_of_nearer, times_to_goals
 from planners.simulation.currents import Flow, Sample, local_notes
@@ -52,6 +52,7 @@ class PlannedMission:
         drawn: Number of samples drawn.
         helps: Tolerance of another, safe list of waypoints [m]; None if this one is safe, or none was found.
         held: Fraction of samples that arrive with headings held at every surfacing; None if not requested.
+        departures: Missions of the compared departures, in order.
     """
 
     job: PlanRequest
@@ -63,6 +64,7 @@ class PlannedMission:
     drawn: int
     helps: float | None = None
     held: float | None = None
+    departures: tuple["PlannedMission", ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +115,35 @@ def make_plans(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Togeth
         ConfigError: Options are incompatible.
         PlanError: A goal cannot be planned for, or a time is outside the forecast.
     """
+    if not job.departures_ns:
+        return _made(job, config, on)
+    for time_ns in job.departures_ns:
+        on.known.check_time("--depart", time_ns)
+    if not on.known.changes:
+        raise PlanError(
+            f"--depart: expected a current that changes, got one that is frozen at {time_text(on.known.first.time_ns)}; "
+            "give the result of a replay through a forecast's times, or several files"
+        )
+    until = monotonic() + (inf if job.time_limit is None else job.time_limit)
+    each, alone = list[PlannedMission](), dict[str, Any](depart=None, waypoints=False, held=False)
+    for time_ns in job.departures_ns:
+        limit = until - monotonic() if each and job.time_limit else job.time_limit
+        if limit is not None and limit <= 0.0:
+            break
+        alone |= {"start_time": time_text(time_ns), "time_limit": limit}
+        each.append(_made(job.model_copy(update=alone), config, on).planned[""])
+    best = each[best_departure([one.plan for one in each])]
+    if job.waypoints or job.held:
+        alone = {"depart": None, "start_time": best.job.start_time}
+        best = _made(job.model_copy(update=alone), config, on).planned[""]
+    left = len(job.departures_ns) - len(each)
+    notes = (f"--time-limit excluded the last {left} departures",) * bool(left)
+    best = replace(best, departures=tuple(each), notes=(*notes, *best.notes))
+    return Together({"": best}, {})
+
+
+def _made(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
+    """Return the missions of a job with one departure; see ``make_plans``."""
     known = on.known
     count = sample_count(known.first, config.samples)
     check_samples(job, count, known.first.n_modes > 0)

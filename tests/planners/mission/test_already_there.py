@@ -7,6 +7,7 @@ import numpy as np
 from planners import (
     MissionRequest,
     MissionSettings,
+    best_departure,
     cut_at_horizon,
     plan_by_odds,
     plan_mission,
@@ -39,10 +40,11 @@ def test_a_first_goal_at_the_start_is_met_there_and_the_others_as_without_it():
     assert dived.goal_legs[0] == 1
 
 
-def test_a_mission_without_legs_is_judged_cut_and_published():
+def test_a_mission_without_legs_is_judged_compared_cut_and_published():
     there = asked((50.0, 0.0, 0.0))
     plan = plan_by_odds(FLOW, [FLOW] * 3, there, 0.1)
     assert (plan.status, len(plan.headings_deg)) == ("reached", 0)
+    assert best_departure([plan, replace(plan, start_time_ns=86400 * 10**9)]) == 0
     assert cut_at_horizon(plan, 3600.0, FLOW.grid.projection) is plan
     # there is no command
     glide = as_plan(plan, FLOW.grid.projection)

@@ -1,4 +1,4 @@
-"""Missions in a current that changes: what is known of it and beside it, and plans as far as a forecast goes."""
+"""Missions in a current that changes: what is known of it and beside it, departures compared, and plans as far as a forecast goes."""
 
 import json
 from dataclasses import replace
@@ -36,6 +36,7 @@ from replay_kit.workflows.planning.request import read_flow, read_known
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place, still_flow, uniform_flow
+from tests.results.result_samples import metadata_of
 from tests.synthetic_flow import constant, with_weights
 from tests.workflows.replay.given import position
 
@@ -162,10 +163,60 @@ def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
     assert first.energy == pytest.approx(plan.vehicle.hotel * first.duration + pumped)
 
 
+def test_a_departure_table_has_the_best_of_single_plans_in_it(saved):
+    span = f"--depart {clock(0)},{clock(12)},6h"
+    said = answer(saved, f"--samples 0 {span}")
+    rows = said["departures"]
+    assert [row["departure"].replace(" ", "T") for row in rows] == [clock(k) for k in (0, 6, 12)]
+    single = [
+        answer(saved, f"--samples 0 --start-time {clock(k)}")["duration_s"] for k in (0, 6, 12)
+    ]
+    # leaving at once, the current sets towards the goal, later against it
+    assert single == sorted(single)
+    # a plan that starts from its neighbour may be better than one by itself
+    for row, alone in zip(rows, single, strict=True):
+        assert row["duration_s"] <= 1.002 * alone
+    assert said["duration_s"] == pytest.approx(single[0], rel=1e-3)
+    assert ["planned" in row["best"] for row in rows] == [True, False, False]
+    limited = answer(saved, f"--samples 0 {span} --time-limit 1e-9")
+    assert [row["departure"] for row in limited["departures"]] == [time_text(NOON)]
+    assert "--time-limit excluded the last 2 departures" in limited["notes"]
+
+
+@pytest.mark.parametrize(("objective", "planned"), [("", 0), ("--objective time=1", 1)])
+def test_waiting_for_a_shorter_way_is_advised_only_to_those_who_ask_for_the_shortest(
+    saved, objective, planned
+):
+    # from the goal to the start the current sets against the glider, and a day later with it
+    departures = f"--samples 0 --depart {clock(0)},{clock(24)},24h"
+    rows = answer(saved, f"{departures} {objective}", places=(GOAL, START))["departures"]
+    assert rows[1]["duration_s"] < 0.6 * rows[0]["duration_s"]
+    assert rows[0]["arrival"] < rows[1]["arrival"]
+    assert ["planned" in row["best"] for row in rows] == [k == planned for k in (0, 1)]
+    assert "arrives first" in rows[0]["best"]
+
+
+def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
+    result, page = tmp_path / "plan.mcap", tmp_path / "plan.html"
+    ask(saved, f"--samples 5 --depart {clock(0)},{clock(8)},8h -o {result}")
+    said = [json.loads(row) for row in metadata_of(result)["departures"].values()]
+    assert [0.0 <= row["reached"] <= 1.0 for row in said] == [True, True]
+    succeed(f"report {result} -o {page}")
+    assert all(row["arrival"] in page.read_text() for row in said)
+
+
+SPAN = "--depart 2026-01-01T12:00Z,2026-01-02T00:00Z"
+
+
 @pytest.mark.parametrize(
     ("more", "code", "words"),
     [
         ("--start-time 2025-01-01", 3, "within the forecast, 2026-01-01 12:00:00Z to 2026-01-03"),
+        ("--depart 2026-01-01T12:00Z,2026-01-09,24h", 3, "--depart: expected a time within the"),
+        (SPAN, 2, "--depart: expected T0,T1,STEP"),
+        ("--depart 2026-01-02T12:00Z,2026-01-02,6h", 2, "the first departure before the last"),
+        (f"{SPAN},30s", 2, "at most 100 departures, got 1441"),
+        (f"{SPAN},6h --start-time 2026-01-02", 2, "cannot be combined with --start-time"),
         ("--horizon 72h", 3, "at most 48.0 h, to the end of the forecast at 2026-01-03 12:00:00Z"),
         ("--horizon 1h", 3, "the first leg ends after"),
     ],
@@ -238,6 +289,8 @@ def test_a_mission_begins_within_a_month_of_the_only_time_that_is_known(tmp_path
     for option, words in (
         ("--start-time 1999-01-01", month),
         ("--start-time 2026-01-31T12:01Z", month),
+        ("--depart 1999-01-01,1999-01-02,12h", month),
+        (f"{SPAN},6h", "--depart: expected a current that changes, got one that is frozen"),
     ):
         done = ask(path, f"--samples 0 {option}")
         assert words in str(done.exception)
