@@ -1,8 +1,8 @@
 """Current during a mission: an estimate that evolves, files of several times, or one time held constant."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from math import ceil, inf, log
@@ -40,12 +40,12 @@ class KnownCurrent:
     Attributes:
         estimates: One estimate, or several in order of time.
         flow_step: Time between the flows of a changing estimate [s].
-        last_fix_ns: Time of the last fix [ns, UTC]; None if unknown, as for a pure estimate.
+        fixes: Time of the last fix of each vehicle [ns, UTC], empty name for a single one; empty for a pure estimate.
     """
 
     estimates: tuple[FlowEstimate, ...]
     flow_step: float
-    last_fix_ns: int | None = None
+    fixes: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def first(self) -> FlowEstimate:
@@ -82,11 +82,12 @@ class KnownCurrent:
         """Local correction to the only estimate from the dives so far."""
         return None if self._only is None else self._only.local
 
-    def begin(self, asked_ns: int | None) -> tuple[int, tuple[str, ...]]:
+    def begin(self, asked_ns: int | None, vehicle: str = "") -> tuple[int, tuple[str, ...]]:
         """Return the start of a mission [ns, UTC], 0 without times, and notes on it.
 
         Args:
             asked_ns: Requested start [ns, UTC]; None for the time of the last fix, or else of the estimate.
+            vehicle: Name; of one that is not known the latest fix of all counts.
 
         Raises:
             PlanError: The forecast does not cover the requested time.
@@ -94,8 +95,8 @@ class KnownCurrent:
         if asked_ns is not None:
             self.check_time("--start-time", asked_ns)
             return asked_ns, ()
-        of = "estimate" if self.last_fix_ns is None else "last fix"
-        known = self.first.time_ns if self.last_fix_ns is None else self.last_fix_ns
+        fix_ns = self.fixes.get(vehicle, max(self.fixes.values(), default=None))
+        of, known = ("last fix", fix_ns) if fix_ns is not None else ("estimate", self.first.time_ns)
         if known is None:
             return 0, ()
         told = f"it begins at {time_text(known)}, the time of the {of}; --start-time sets another"
@@ -217,7 +218,7 @@ class KnownCurrent:
             return
         held = _DAYS_HELD * 86_400 * _NS
         # from its last fix on a vehicle can be told where to go, also where dead reckoning went on
-        since = known if self.last_fix_ns is None else min(known, self.last_fix_ns)
+        since = min([known, *self.fixes.values()])
         begins, ends = (known - held, known + held) if last is None else (since, last)
         if begins <= time_ns <= ends:
             return

@@ -19,6 +19,7 @@ from replay_kit.config.removed import refuse_value
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.extensions import objective_names
 from replay_kit.core.files.inputs import open_input
+from replay_kit.core.files.paths import check_inputs
 from replay_kit.core.words.progress import announce
 
 if TYPE_CHECKING:
@@ -53,33 +54,40 @@ _POSITIVE = ("time_limit", "battery", "separation", "horizon_s", "line_width")
 def completed(request: PlanRequest) -> tuple[PlanRequest, dict[Path, FlowFile]]:
     """Return a request with a missing start and goal from its result, and the files read for them.
 
-    They are the last fix, and the goal of the run. Of a result of several vehicles those with a goal are planned together, each from its
-    last fix.
+    They are the last fix, and the goal of the run. Of a result of several vehicles those with a goal, in the request or else in the run,
+    are planned together, each from its last fix.
 
     Raises:
-        ReplayKitError: The result cannot be read.
+        ReplayKitError: A file is missing, or the result cannot be read or lacks a vehicle.
     """
-    asked = request.start, request.goal
-    if request.glider or not request.flows or all(asked) or not is_result(request.flows[-1]):
+    if request.glider or (request.start and request.goal):
         return request, {}
-    file = read_flow(request.flows[-1])
-    several = len(file.offers) > 1
-    if several and any(asked):
-        raise ConfigError(
-            f"--start and --goal: expected both, or neither, for a result of several vehicles ({', '.join(file.offers)}), got one of them"
-        )
-    used = {name: one for name, one in file.offers.items() if not several or all(one[:2])}
+    check_inputs(request.flows)
+    if not request.flows or not is_result(request.flows[-1]):
+        return request, {}
+    file, named = read_flow(request.flows[-1]), {name for name, _ in request.goals_of_gliders}
+    vehicles, several = ", ".join(file.offers), len(file.offers) > 1
+    if several and request.start:
+        raise ConfigError(f"--start: expected --glider NAME={request.start} with one of {vehicles}")
+    if several and (unknown := named - {"", *file.offers}):
+        raise ConfigError(f"--goal: expected NAME= of {vehicles}, got {', '.join(sorted(unknown))}")
+    used = {
+        name: one
+        for name, one in file.offers.items()
+        if not several or (one.fix and (named & {"", name} if named else one.goal))
+    }
     goals = {name: ",".join(map(str, one.goal)) for name, one in used.items() if one.goal}
     starts = {
         name: f"{one.fix.longitude},{one.fix.latitude},0" for name, one in used.items() if one.fix
     }
     if len(starts) > 1:
-        named = [tuple(map("=".join, of.items())) for of in (starts, goals)]
-        found: dict[str, Any] = dict(zip(("glider", "goal"), named, strict=True))
+        each, own = (tuple(map("=".join, of.items())) for of in (starts, goals))
+        found: dict[str, Any] = {"glider": each, "goal": request.goal or own}
     else:
         name, start = next(iter(starts.items()), ("", None))
         found = {"start": request.start or start, "of_glider": name or None}
-        found["goal"] = request.goal or tuple(goals.values())
+        stated = [text.rpartition("=")[2] if several else text for text in request.goal]
+        found["goal"] = tuple(stated or goals.values())
     return request.model_copy(update=found), {file.path: file}
 
 
@@ -318,7 +326,7 @@ def read_known(
 ) -> tuple[KnownCurrent, dict[str, AsFlown]]:
     """Return the current in one or more files, and the latest flight parameters in them by vehicle name.
 
-    The time of the last fix is known for a single result.
+    The times of the last fixes are known for a single result.
 
     Args:
         files: Files, several in order of time.
@@ -331,9 +339,9 @@ def read_known(
     from replay_kit.workflows.planning.currents import known_current
 
     known = known_current([(file.path, file.at(places)) for file in files], flow_step)
-    ends = [one.fix.time_ns for one in files[0].offers.values() if one.fix]
-    if len(files) == 1 and ends:
-        known = replace(known, last_fix_ns=max(ends))
+    if len(files) == 1:
+        held = files[0].offers.items()
+        known = replace(known, fixes={name: one.fix.time_ns for name, one in held if one.fix})
     flown = ((name, one.flown) for file in files for name, one in file.offers.items() if one.flown)
     return known, dict(flown)
 

@@ -147,16 +147,18 @@ def _made(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
     known = on.known
     count = sample_count(known.first, config.samples)
     check_samples(job, count, known.first.n_modes > 0)
-    begin_ns, notes = known.begin(job.start_time_ns)
+    starts = job.glider_places or {"": job.start_place}
+    begins = {name: known.begin(job.start_time_ns, name or job.of_glider or "") for name in starts}
+    begin_ns, last_begin_ns = (end(time for time, _ in begins.values()) for end in (min, max))
     last_ns, horizon = known.ends_ns, job.horizon_s
     if horizon is not None and last_ns is not None and begin_ns + horizon * 1e9 > last_ns:
         raise PlanError(
             f"--horizon: expected at most {(last_ns - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last_ns)}, got "
             f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out"
         )
-    starts = job.glider_places or {"": job.start_place}
-    asked = {name: _asked(job, config, on, name, at, begin_ns) for name, at in starts.items()}
+    asked = {name: _asked(job, config, on, name, at, begins[name]) for name, at in starts.items()}
     seconds = _seconds(job, [one.request for one in asked.values()])
+    seconds += (last_begin_ns - begin_ns) / 1e9
     while True:
         judge = _Judge(
             job,
@@ -175,7 +177,7 @@ def _made(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
         seconds = longer
     names = [name for name, goal in chosen.items() if goal is not None]
     planned = {
-        name: _judged(judge, replace(asked[name], request=request), plan, notes)
+        name: _judged(judge, replace(asked[name], request=request), plan)
         for name, request, plan in zip(names, joint.requests, joint.plans, strict=True)
     }
     if not job.glider:
@@ -191,15 +193,17 @@ def _asked(
     on: PlannedOn,
     name: str,
     start: Place,
-    begin_ns: int,
+    begin: tuple[int, tuple[str, ...]],
 ) -> _Asked:
-    """Return the request of a vehicle to all goals."""
+    """Return the request of a vehicle to all goals; ``begin`` is its start [ns, UTC] and the notes on it."""
+    begin_ns, notes = begin
     flown = on.flown.get(name or job.of_glider or "")
     kind, more = config.model_copy(update={"kind": "mission"}), mission_settings(job, config)
     planner = MissionPlanner(kind, flown=flown, bathymetry=on.bathymetry, more=more)
     goals = tuple(place for _, place in job.goals_of_gliders)
     request, origin = planner.request(on.region, start, goals, begin_ns, on.no_go)
-    request, settings, notes = replace(request, shape=shape_of(job)), request.settings, on.notes
+    request, settings = replace(request, shape=shape_of(job)), request.settings
+    notes += on.notes
     if (latest := job.arrive_by_s(begin_ns)) is not None:
         longest = min(settings.max_duration, latest)
         settings = replace(settings, arrive_by=latest, max_duration=longest)
@@ -304,13 +308,11 @@ def _planned(
     return cut_at_horizon(made, job.horizon_s, first.grid.projection)
 
 
-def _judged(
-    judge: _Judge, asked: _Asked, made: MissionPlan, notes: tuple[str, ...]
-) -> PlannedMission:
+def _judged(judge: _Judge, asked: _Asked, made: MissionPlan) -> PlannedMission:
     """Return a mission with its requested waypoints, and with simulated flights, along the waypoints if any."""
     job, known, drawn, begin_ns = judge.job, judge.on.known, judge.drawn, made.start_time_ns
     has_legs, few, odds, helps, held = len(made.headings_deg) > 0, None, None, None, None
-    notes += asked.notes
+    notes = asked.notes
     if job.waypoints and not has_legs:
         notes += ("no waypoints are written: the plan has no legs",)
     notes += known.notes(begin_ns, begin_ns + round(made.duration * 1e9))

@@ -177,9 +177,24 @@ def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
     for name, made in vehicles.items():
         fix, start = result.vehicles[name].fixes.iloc[-1], asked.glider_places[name]
         assert (start.longitude, start.latitude) == (fix["longitude"], fix["latitude"])
+        assert f"it begins at {fix.name:%Y-%m-%d %H:%M:%S}Z" in made["notes"][0]
         assert "; as flown: " in made["message"]
-    refused = invoke(f"plan {result.path} --goal=152.4,-40.1,100")
-    assert "result of several vehicles (sg1, sg2, sg3)" in str(refused.exception)
+
+
+def test_goals_say_which_of_several_are_planned(result):
+    flows, goal = (result.path,), "152.4,-40.1,100"
+    asked = [
+        completed(PlanRequest(flows=flows, goal=(f"sg1={goal}", *more)))[0]
+        for more in ((), (goal,))
+    ]
+    assert (asked[0].of_glider, asked[0].goal) == ("sg1", (goal,))
+    assert [*asked[1].glider_places] == ["sg1", "sg2", "sg3"]
+    for more, words in (
+        (f"--goal=sg9={goal}", "--goal: expected NAME= of sg1, sg2, sg3, got sg9"),
+        (f"--start={goal}", f"--start: expected --glider NAME={goal} with one of sg1, sg2, sg3"),
+    ):
+        refused = invoke(f"plan {result.path} {more}")
+        assert (refused.exit_code, str(refused.exception)) == (2, words)
 
 
 def test_a_result_of_several_with_one_goal_is_planned_as_flown(result, monkeypatch):
