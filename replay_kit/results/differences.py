@@ -151,9 +151,10 @@ def difference(one: Path, other: Path) -> Difference:
     records = [_recorded(each.reader) for each in files]
     versions = [each.metadata["contract"]["version"] for each in records]
     vehicles = [[of.name for of in each.reader.vehicles] or [""] for each in files]
-    for what, (a, b) in (("contract version", versions), ("vehicles", vehicles)):
+    named = [", ".join(names) or "a single one" for names in vehicles]
+    for what, (a, b) in (("contract version", versions), ("vehicles", named)):
         if a != b:
-            raise LogError(f"{one} and {other}: expected one {what}, got {a} and {b}")
+            raise LogError(f"{one} and {other}: expected the same {what}, got {a} and {b}")
     tables, findings = list[TableDifference](), list[str]()
     for name in vehicles[0]:
         parts = [ResultFile(each.path, vehicle=name, opened=each.reader.file) for each in files]
