@@ -9,8 +9,8 @@ import numpy as np
 from planners import MissionRequest, MissionSettings, NoGo, plan_mission
 from planners.route.current import CurrentLattice, current_lattice, shares_of_levels, spacing_over
 from planners.route.front import sea_of, spread
-from planners.route.obstacles import as_complex
 from planners.route.passage import relax
+from planners.simulation.currents import currents_of
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -59,7 +59,7 @@ def _times_of(
     current: CurrentLattice, speed: float, begin, ends, until: float
 ) -> tuple[np.ndarray, float]:
     """Return when a front is at some places [s], relaxed off the lattice, and the processor time of the front alone [s]."""
-    places, first = as_complex(np.vstack([begin, ends])), current.places.size
+    places, first = np.vstack([begin, ends]) @ [1.0, 1.0j], current.places.size
 
     def flood() -> tuple[Any, Any]:
         sea = sea_of(current, speed, places)
@@ -84,7 +84,7 @@ def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: i
         latent = np.hstack(
             [one.latent + at / (10.0 * DAY) * (other.latent - one.latent) for at in times]
         )
-        shares = shares_of_levels(one, min(_DEPTH, float(one.levels[-1])), 0.05)
+        shares = shares_of_levels(currents_of(one), min(_DEPTH, float(one.levels[-1])), 0.05)
         made, current = cpu(lambda: current_lattice(one, latent, times, spacing_over(one), shares))  # noqa: B023
         mean = np.stack([part @ shares for part in np.split(latent, times.size, axis=1)], axis=1)
 
