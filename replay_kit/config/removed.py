@@ -5,7 +5,7 @@ from replay_kit.core.errors import ConfigError
 _SAMPLING = "without adaptive sampling, choose the places yourself, and plan to them with --goal"
 _BLIND = "it assumed that headings are held: see --held"
 _CONSTANT = "its default now always applies"
-_GATE = "what exceeds the gate is rejected, and where most is, the ensemble is taken to be too narrow: softening let faults in"
+_GATE = "what exceeds the gate is rejected: softening let faults in"
 
 #: Keys of the settings, by table; of a table with a command's name they are its options too.
 SETTINGS: dict[str, dict[str, str]] = {
@@ -31,18 +31,19 @@ SETTINGS: dict[str, dict[str, str]] = {
         "dropped_std": "it is [estimator] dropped_std, also for a static estimate",
         **dict.fromkeys(
             (
-                *("trajectory_scale", "oscillator_std", "oscillator_scale"),
-                *(
-                    "oscillator_depth_length",
-                    "heading_bias_std",
-                    "scale_bias_std",
-                    "shear_bias_std",
-                ),
+                "trajectory_scale",
+                "oscillator_std",
+                "oscillator_scale",
+                "oscillator_depth_length",
+                "heading_bias_std",
+                "scale_bias_std",
+                "shear_bias_std",
             ),
             _CONSTANT,
         ),
     },
     "replay": {"truth_radius": "all points of the truth are scored"},
+    "twin": dict.fromkeys(("interval", "changing"), "pings come every ten minutes"),
     "planner": {"flight_model": "a script plans with Glider(flight=fit_flight(...))"},
     "plan": {
         **dict.fromkeys(

@@ -166,15 +166,11 @@ class Survey:
     Attributes:
         vehicle: A vessel surveys at random positions, a glider dives.
         pings: Number of ADCP pings.
-        interval: Time from ping to ping of a glider [s], a multiple of 120.
-        changing: The current changes through all leads or times of the truth.
         seed: The same seed gives the same bytes.
     """
 
     vehicle: Literal["vessel", "glider"] = "vessel"
     pings: Annotated[int, option(least=1)] = 450
-    interval: Annotated[float, option("S", seconds=True)] = 600.0
-    changing: Annotated[bool, FLAG] = False
     noise: Noise = 0.09
     seed: int = 0
 
@@ -190,21 +186,13 @@ def twin(
     check_paths([truth_path(files.truth)], [files.out], files.overwrite)
     part = settings.load().forecast
 
-    from replay_kit.forecast import read_changing_truth, read_truth
+    from replay_kit.forecast import read_truth
     from replay_kit.studies.twins.make import Twin, make_twin
-    from replay_kit.studies.twins.vehicle import EPOCH
 
-    simulated = Twin(
-        survey.vehicle, survey.pings, survey.noise, survey.seed, interval_s=survey.interval
-    )
+    simulated = Twin(survey.vehicle, survey.pings, survey.noise, survey.seed)
     with progress() as advance:
         advance(0, 0, "moving the vehicle")
-        sea = (
-            read_changing_truth(files.truth, part, EPOCH)
-            if survey.changing
-            else read_truth(files.truth, part)
-        )
-        made = make_twin(sea, simulated, files.out, files.overwrite)
+        made = make_twin(read_truth(files.truth, part), simulated, files.out, files.overwrite)
     console_beside(None).print(f"{files.out}: {survey.pings} pings over {made.hours:.1f} h")
     return 0
 

@@ -99,8 +99,8 @@ def paper(
     check_folder(outputs.out)
 
     from replay_kit.core.files.atomic import write_whole
+    from replay_kit.show.text import print_table
     from replay_kit.studies.paper.page import FILES, PAGE, files_of, text_tables, to_json
-    from replay_kit.studies.paper.rows import print_tables
     from replay_kit.studies.paper.run import PaperJob, run_paper
     from replay_kit.workflows.fleet.cluster import calls_made_by
 
@@ -119,14 +119,15 @@ def paper(
     outputs.out.mkdir(exist_ok=True)
     with (
         calls_made_by(processes.scheduler, processes.workers),
-        progress(config.output.threads) as advance,
+        progress(config.output.threads),
     ):
-        for tables in run_paper(members, withheld, config.estimator, job, advance):
+        for tables in run_paper(members, withheld, config.estimator, job):
             for name, text in files_of(tables).items():
                 write_whole(outputs.out / name, text)
             keep_json(outputs.json_file, to_json(tables))
     console = console_beside(outputs.json_file)
-    print_tables(console, text_tables(tables))
+    for title, rows in text_tables(tables):
+        print_table(console, title, list(rows[0]), [list(row.values()) for row in rows])
     console.print(f"{outputs.out}: report.md, paper.json, tables as CSV")
     console.print(f"Page: {outputs.out / PAGE}; open it in a browser.")
     write_json(outputs.json_file, to_json(tables))
