@@ -1,6 +1,6 @@
 """Parts shared by the commands: option groups, endings of outputs, and parsing of compound values."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +12,12 @@ from cyclopts.validators import Number
 from replay_kit.cli import console
 from replay_kit.config.option import PLACE, Numbers, numbers
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.files.paths import is_stream, path_of
+from replay_kit.core.files.paths import check_paths, is_stream, path_of
 from replay_kit.core.words.quantities import parse_duration
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from replay_kit.core.plan import Place
 
 INPUTS = Group("Inputs", sort_key=1)
@@ -198,7 +200,9 @@ Ensemble = Annotated[
     option("FILE...", group=INPUTS, help=f"Ensemble forecast: {ENSEMBLE_HELP}"),
     SOURCES,
 ]
-Truth = Annotated[str | None, option("T.nc[#member]", help="Known truth to score against.")]
+Truth = Annotated[
+    str | None, option("T.nc[#member]", group=INPUTS, help="Known truth to score against.")
+]
 Noise = Annotated[
     float,
     option(least=0.0, help="Standard deviation of each velocity component of a bin [m/s]."),
@@ -229,6 +233,10 @@ class Replacing:
         None
     )
 
+    def check(self, read: Iterable[Path | None], *made: Path | None) -> None:
+        """Raise ConfigError if an input is missing, or an output is an input or exists and is not to be replaced."""
+        check_paths(read, made, self.overwrite)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer(Replacing):
@@ -241,6 +249,18 @@ class Answer(Replacing):
     json_file: Annotated[
         Path | None, option("FILE", name="--json"), Ending((".json",), stream=True)
     ] = None
+
+    def check(self, read: Iterable[Path | None], *made: Path | None) -> None:
+        """Check inputs and outputs, among them the answer's file."""
+        check_paths(read, (*made, self.json_file), self.overwrite)
+
+    def console(self, *streams: Path | None) -> "Console":
+        """Return the console of tables and messages beside the answer and other streams."""
+        return console.console_beside(self.json_file, *streams)
+
+    def write(self, answer: Mapping[str, Any]) -> None:
+        """Write the answer as JSON if that is asked for."""
+        console.write_json(self.json_file, answer)
 
 
 def place(text: str, name: str) -> "Place":

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.console import console_beside, progress, write_json, write_text
+from replay_kit.cli.console import progress, write_text
 from replay_kit.cli.options import (
     CHOICES,
     FLAG,
@@ -58,12 +58,11 @@ class Outputs(Answer):
 
     def of(self, name: str) -> "Outputs":
         """Return the files of one of several gliders, its name inserted before the ending."""
-
-        def own(path: Path | None) -> Path | None:
-            return None if path is None else path.with_stem(f"{path.stem}-{name}")
-
-        files = {"out": own(self.out), "geojson": own(self.geojson), "csv": own(self.csv)}
-        return replace(self, **files, waypoints=own(self.waypoints))  # type: ignore[arg-type]
+        names = "out", "geojson", "csv", "waypoints"
+        files = {key: path for key in names if (path := getattr(self, key)) is not None}
+        return replace(
+            self, **{key: path.with_stem(f"{path.stem}-{name}") for key, path in files.items()}
+        )
 
 
 @takes_settings(
@@ -136,13 +135,13 @@ def _plan(config: "RunConfig", outputs: Outputs, known: "Mapping[Path, FlowFile]
         unsafe_reason,
     )
 
-    console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
+    console = outputs.console(outputs.geojson, outputs.csv)
     unsafe = {
         name: why for name, one in made.planned.items() if (why := unsafe_reason(one)) is not None
     }
     withheld = {} if outputs.write_unsafe else unsafe
     try:
-        write_json(outputs.json_file, plans_json(made))
+        outputs.write(plans_json(made))
         for name, one in made.planned.items():
             own = outputs.of(name) if name else outputs
             if name in withheld:
