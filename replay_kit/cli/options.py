@@ -26,20 +26,7 @@ CHOICES = Group("Options", sort_key=3)
 REPORTING = Group("Reporting", sort_key=9)
 
 # Endings of file names, which the name of a folder does not have.
-_FILE_ENDINGS = (
-    ".mcap",
-    ".tlog",
-    ".nc",
-    ".json",
-    ".csv",
-    ".geojson",
-    ".toml",
-    ".html",
-    ".png",
-    ".svg",
-    ".pdf",
-    ".kml",
-)
+_FILE_ENDINGS = ".mcap .tlog .nc .json .csv .geojson .toml .html .png .svg .pdf .kml"
 
 # Of a group of values: each of its fields is an option of its own, under the group's heading.
 TO_INPUTS, TO_OUTPUTS, TO_OPTIONS = (
@@ -115,7 +102,7 @@ class Ending:
         path = Path(text)
         ending, streamed = path.suffix.lower(), str(path) == "-" or is_stream(path)
         if not self.endings:
-            if ending in _FILE_ENDINGS:
+            if ending and ending in _FILE_ENDINGS.split():
                 raise ConfigError(
                     f"{name}: expected the name of a folder, got '{path}' with the ending {path.suffix}; leave the ending out"
                 )
@@ -155,25 +142,16 @@ def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCo
             if isinstance(mark, Ending | Numbers):
                 for value in given.get(argument.name, []):
                     mark.check(argument.name, value)
-    log = next((Path(value) for value in given.get("--log", [])), None)
-    if log is not None and any(
-        _is(log, value) for name, values in given.items() if name != "--log" for value in values
-    ):
+    log = next((Path(value) for value in given.pop("--log", [])), None)
+    others = (Path(value).resolve() for values in given.values() for value in values)
+    if log is not None and log.resolve() in others:
         raise ConfigError(f"--log: '{log}' is another file of this command; choose another name")
     console.begin(console.Reporting("--quiet" in given, "--verbose" in given, log))
 
 
-def _is(path: Path, value: str) -> bool:
-    """Return whether a path equals a value of the command line."""
-    return path.resolve() == Path(value).resolve()
-
-
 # Settings of the forecast that do not need a log.
-_OF_FORECAST = (
-    *("members", "axes", "region", "levels", "lead", "time", "reference_time"),
-    *("offline", "max_download"),
-)
-PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
+_OF_FORECAST = "members axes region levels lead time reference_time offline max_download"
+PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST.split())
 _LOGS = (
     "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other glider NetCDF files, "
     "SeaExplorer raw files, a table of pings (pings.csv or .nc with time, longitude, latitude, depth, u, v, error; --columns u=East names "

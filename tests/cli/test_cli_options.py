@@ -14,7 +14,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
 from tests.command import invoke, succeed
-from tests.places import ROOT, SAMPLES
+from tests.places import ROOT
 
 FILES = "out netcdf save-estimate json geojson csv waypoints suggest"
 WRITTEN = {f"--{name}" for name in FILES.split()}
