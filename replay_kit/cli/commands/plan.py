@@ -65,16 +65,13 @@ class Outputs(Answer):
         )
 
 
-@takes_settings(
-    "plan",
-    *(
-        f"planner.{key}"
-        for key in (
-            *("speed", "depth", "max_depth", "surface_time", "radius", "hotel", "thrust"),
-            *("margin", "clearance", "max_duration", "max_legs", "samples"),
-        )
-    ),
+_OF_PLANNER = (
+    "speed depth max_depth surface_time radius hotel thrust margin clearance max_duration max_legs "
+    "samples"
 )
+
+
+@takes_settings("plan", *(f"planner.{key}" for key in _OF_PLANNER.split()))
 def plan(
     *flows: Annotated[Path, argument("FLOW")],
     angles: Annotated[str | None, option("MIN,MAX", group=CHOICES), _ANGLES] = None,

@@ -92,12 +92,13 @@ class Following:
     notify: Annotated[str | None, option("COMMAND")] = None
 
 
+# Settings of the plans that a replay makes on its way.
+_OF_PLANNER = "kind speed depth radius bathymetry clearance samples"
+
+
 @takes_settings(
     *("logs", "measurements", "forecast", "estimator", "time"),
-    *(
-        f"planner.{key}"
-        for key in ("kind", "speed", "depth", "radius", "bathymetry", "clearance", "samples")
-    ),
+    *(f"planner.{key}" for key in _OF_PLANNER.split()),
 )
 def replay(
     *logs: Log,
@@ -131,17 +132,12 @@ def replay(
         )
     page = out.with_suffix(".html") if outputs.report else None
     states, status = out.with_name(f"{out.name}.follow"), out.with_suffix(".status.html")
+    files = [*logs, *inputs.ensemble, *inputs.against, truth_path(inputs.truth), goal_file]
+    made = [out, outputs.netcdf, outputs.save_estimate, outputs.json_file, page]
+    # what is followed goes on
+    goes_on = follow and (states / "mission").is_file()
     check_paths(
-        (
-            *(*logs, *inputs.ensemble, *inputs.against),
-            *(truth_path(inputs.truth), settings.file, goal_file),
-        ),
-        (
-            *(out, outputs.netcdf, outputs.save_estimate, outputs.json_file, page),
-            status if follow else None,
-        ),
-        # what is followed goes on
-        outputs.overwrite or (follow and (states / "mission").is_file()),
+        [*files, settings.file], [*made, status if follow else None], outputs.overwrite or goes_on
     )
     config = settings.load()
 

@@ -1,7 +1,7 @@
 """``report``, ``status``, ``plot``, ``export`` and ``layout``: results as page, screen, figures, tables and viewer layout."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,8 +16,9 @@ from replay_kit.cli.options import (
     Replacing,
     argument,
     option,
+    place,
 )
-from replay_kit.config.option import PLACE, numbers
+from replay_kit.config.option import PLACE
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.words.quantities import parse_time
 
@@ -174,8 +175,7 @@ def plot(
         out: Figure; its ending selects the format.
     """
     replacing.check([result], out)
-    longitude, latitude, depth = numbers(look.at or "0,0,0", "--at", PLACE.form)
-    at = None if look.at is None else (longitude, latitude, depth)
+    at = None if look.at is None else astuple(place(look.at, "--at"))
     time_ns = None if look.time is None else _time_of(look.time, "--time")
 
     from replay_kit.core.files.atomic import write_whole
@@ -223,14 +223,14 @@ def export(
         table: Table, or estimate, to export. Default: all tables; in CSV the series with --at, else the track.
     """
     replacing.check([result], out)
-    places = [numbers(text, "--at", PLACE.form) for text in at or ()]
+    places = [astuple(place(text, "--at")) for text in at or ()]
 
     from replay_kit.show.export import export as write
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
         of = contents if vehicle is None else contents.of(vehicle)
-        rows = write(of, out, [(x, y, z) for x, y, z in places], table)
+        rows = write(of, out, places, table)
     counted = ", ".join(f"{name} {count} rows" for name, count in rows.items())
     return _told(contents, f"{out}: {counted}")
 

@@ -60,17 +60,12 @@ def members_left_out(ensemble: Ensemble, which: str) -> Sequence[int]:
         return range(count)
     if which == "most-distant":
         return [most_distant(ensemble)]
-    names = [name.strip() for name in which.split(",")]
-    if not all(name.isdecimal() for name in names) or len(set(names)) < len(names):
+    names, known = [name.strip() for name in which.split(",")], list(map(str, range(count)))
+    if not set(names) <= set(known) or len(set(names)) < len(names):
         raise ConfigError(
-            f"--leave-out: expected positions from 0 with commas between them, each once, all or most-distant, got '{which}'"
+            f"--leave-out: expected 0 to {known[-1]} with commas between them, each once, all or most-distant, got '{which}'"
         )
-    members = list(map(int, names))
-    if max(members) >= count:
-        raise ConfigError(
-            f"--leave-out: expected 0 to {count - 1}, got {max(members)}; the ensemble has {count} members"
-        )
-    return members
+    return list(map(int, names))
 
 
 def most_distant(ensemble: Ensemble) -> int:

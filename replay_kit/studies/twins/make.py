@@ -46,14 +46,12 @@ class Twin:
     seed: int
 
     def check(self) -> None:
-        """Raise ConfigError if a value cannot be simulated or does not fit the vehicle."""
-        if self.vehicle not in get_args(Vehicle):
+        """Raise ConfigError if a value cannot be simulated."""
+        sound = np.isfinite(self.noise) and min(self.noise, self.seed, self.pings - 1) >= 0
+        if self.vehicle not in get_args(Vehicle) or not sound:
+            got = f"{self.vehicle}, {self.pings}, {self.noise:g} and {self.seed}"
             raise ConfigError(
-                f"vehicle: expected {' or '.join(get_args(Vehicle))}, got '{self.vehicle}'"
-            )
-        if self.pings < 1 or not (np.isfinite(self.noise) and self.noise >= 0.0) or self.seed < 0:
-            raise ConfigError(
-                f"twin: expected pings >= 1, noise >= 0 and seed >= 0, got pings {self.pings}, noise {self.noise}, seed {self.seed}"
+                f"twin: expected vehicle {' or '.join(get_args(Vehicle))}, pings >= 1, noise >= 0 and seed >= 0, got {got}"
             )
 
 
@@ -124,11 +122,10 @@ def messages(mission: Mission, velocity: Array, noise: float) -> Iterator[Messag
 
 
 def _depth_averaged_current(mission: Mission, dive: int) -> dict[str, Any]:
+    rows = mission.dives[dive]
     start, end = (
-        {"time": stamp(int(mission.time_ns[row])), "lon": longitude, "lat": latitude}
-        for row, (longitude, latitude, _) in zip(
-            mission.dives[dive], mission.logged[mission.dives[dive]].tolist(), strict=True
-        )
+        {"time": stamp(int(mission.time_ns[row])), "lon": float(lon), "lat": float(lat)}
+        for row, (lon, lat, _) in zip(rows, mission.logged[rows], strict=True)
     )
     east, north = mission.current[dive].round(6).tolist()
     return {
@@ -139,7 +136,7 @@ def _depth_averaged_current(mission: Mission, dive: int) -> dict[str, Any]:
         "error": None,
         "start_fix": start,
         "end_fix": end,
-        "duration": float(np.diff(mission.time_ns[mission.dives[dive]])[0] / 1e9),
+        "duration": float(np.ptp(mission.time_ns[rows])) / 1e9,
         "dac_kind": "dead_reckoning",
     }
 
