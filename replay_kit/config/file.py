@@ -91,7 +91,7 @@ def explain(
             known = sorted(_known_keys(model, item["loc"][:-1]))
             nearest = get_close_matches(str(item["loc"][-1])[: _SHORT.maxstring], known, 1)
             meant = f"; did you mean {nearest[0]}?" if nearest else ""
-            line = f"unknown key '{key}'{meant}; known here: {', '.join(known)}"
+            line = f"unknown key '{key}'; known here: {', '.join(known)}{meant}"
         else:
             said, got = item["msg"].removeprefix("Value error, "), _SHORT.repr(item["input"])
             line = f"'{key}': {said}"
