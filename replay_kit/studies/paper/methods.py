@@ -14,7 +14,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
-from replay_kit.core.grid import Ensemble
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
 from replay_kit.core.observation.evidence import bootstrap_interval
 from replay_kit.estimator import Estimator, ReducedBasisEstimator, build, embed_member
@@ -117,14 +117,19 @@ def rungs(ensemble: Ensemble, most_modes: int | None) -> list[Rung]:
     fewer = {str(n): n for n in _NUMBERS_OF_MODES} | {"members": ensemble.n_members}
     below = sorted(((n, name) for name, n in fewer.items() if n < most), reverse=True)
     ladder = [(most_modes, str(most_modes or "full")), *below]
-    coarser = np.sqrt(np.prod(cell_size(ensemble.grid))) > 1.1 * _PAPER_CELL
-    reduced = ("paper", *["paper_cells"] * bool(coarser), "default")
+    coarser = _cell(ensemble.grid) > 1.1 * _PAPER_CELL
+    reduced = ("paper", *["paper_cells"] * coarser, "default")
     return [
         Rung("naive3d", "", None),
         *(Rung(method, name, n) for method in reduced for n, name in ladder),
         Rung("nearest", "", None),
         Rung("ensemble_mean", "", None),
     ]
+
+
+def _cell(grid: Grid) -> float:
+    """Return the size of a grid's cells, the geometric mean of both sides [m]."""
+    return float(np.sqrt(np.prod(cell_size(grid))))
 
 
 def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Estimator[Any]:
@@ -137,8 +142,7 @@ def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Esti
     """
     own: dict[str, Any] = {"preset": "default" if name == "default" else "paper"}
     if name == "paper_cells":
-        size = float(np.sqrt(np.prod(cell_size(ensemble.grid))))
-        own["length_horizontal"] = LENGTH_IN_CELLS * size
+        own["length_horizontal"] = LENGTH_IN_CELLS * _cell(ensemble.grid)
     if name not in ("default", "paper", "paper_cells"):
         # the naive basis takes its error model from the preset, and the paper's is the one it was compared under
         return build_named(ensemble, config.model_copy(update=own | {"name": name}))

@@ -211,12 +211,12 @@ def run_paper(
                 yield from ((of, survey, row, config, keep) for row in rows)
 
     step = counted("tables", 2 * len(members) * len(rows))
-    runs = _counted(each_call(run, calls()), step)
+    runs = each_call(run, calls())
     flows: dict[str, FlowEstimate | None] = {"truth": truth_flow}
     flows["depth_averaged_truth"] = average_over_depth(truth_flow, tables.target_depth)
     ideal, noisy, planned = list[Run](), list[Run](), list[Run]()
     for number, member in enumerate(members, start=1):
-        first, second = (_of_ranks(islice(runs, len(rows))) for _ in "12")
+        first, second = (_of_ranks(islice(runs, len(rows)), step) for _ in "12")
         few = _planned_on(second, job.plan_modes)
         if member == shown:
             flows |= {one.rung.method: one.flow for one in few}
@@ -233,17 +233,13 @@ def run_paper(
         )
         yield tables
     measured = time.perf_counter()
-    glides = each_call(glides_on, ((name, flow, truth_flow, pairs) for name, flow in flows.items()))
-    table3 = tuple(_counted(glides, counted("plans and flights", len(flows))))
-    seconds = {**tables.seconds, "glides": time.perf_counter() - measured}
-    yield replace(tables, table3=table3, seconds=seconds, unfinished=False)
-
-
-def _counted(values: Iterable[Item], step: Callable[[], None]) -> Iterator[Item]:
-    """Yield values, and report a step after each."""
-    for value in values:
+    step, table3 = counted("plans and flights", len(flows)), list[GlideRow]()
+    asked = ((name, flow, truth_flow, pairs) for name, flow in flows.items())
+    for row in each_call(glides_on, asked):
+        table3.append(row)
         step()
-        yield value
+    seconds = {**tables.seconds, "glides": time.perf_counter() - measured}
+    yield replace(tables, table3=tuple(table3), seconds=seconds, unfinished=False)
 
 
 def _surveys(truth: Ensemble, config: EstimatorConfig, job: PaperJob) -> tuple[Survey, Survey]:
@@ -256,14 +252,15 @@ def _surveys(truth: Ensemble, config: EstimatorConfig, job: PaperJob) -> tuple[S
     )
 
 
-def _of_ranks(runs: Iterable[Run]) -> list[Run]:
-    """Return the runs of a table without those that repeat a method's full rank."""
+def _of_ranks(runs: Iterable[Run], step: Callable[[], None]) -> list[Run]:
+    """Return the runs of a table without those that repeat a method's full rank; report a step after each."""
     kept, ranks = list[Run](), dict[str, int]()
     for one in runs:
         if one.rung.modes is None or one.rung.modes < ranks.get(one.rung.method, inf):
             kept.append(one)
         if one.modes is not None:
             ranks.setdefault(one.rung.method, one.modes)
+        step()
     return kept
 
 

@@ -129,26 +129,23 @@ def dives(field: Field, pings: int, rng: np.random.Generator) -> Mission:
     flown, own = _flown(field, depth, begins, int(rng.integers(len(_COURSE))))
     fixes = np.concatenate([[0, _SURFACE_STEPS], begins, ends, ends + _SURFACE_STEPS])
     rows = np.union1d(fixes, pinged)
-    phase = (rows - _SURFACE_STEPS) % period
-    submerged = (rows > _SURFACE_STEPS) & (phase > 0) & (phase < 2 * half)
-    before = (rows - phase)[submerged]
-    stated = flown[rows]
-    share = (phase[submerged] / (2 * half))[:, None]
-    stated[submerged] = flown[before] + share * (flown[before + 2 * half] - flown[before])
     place = np.column_stack([flown, depth])[rows]
-    logged = as_logged(field, np.column_stack([stated, depth[rows]]))
+    submerged, stated = place[:, 2] > 0.0, place.copy()
+    for axis in (0, 1):
+        stated[:, axis] = np.interp(rows, rows[~submerged], place[~submerged, axis])
+    logged = as_logged(field, stated)
     between = np.searchsorted(rows, np.column_stack([begins, ends]))
     current = (flown[ends] - flown[begins]) / (2 * half * _STEP_S) - own[begins]
     where = logged[between[:, 0], :2].T
     true = rotate_to_geographic(field.grid.projection, *where, *current.T)
-    moving = own[rows].any(axis=1)
+    moving, sinks = own[rows].any(axis=1), np.diff(depth, prepend=0.0)[rows] >= 0.0
     exact = to_geographic(field.grid.projection, *flown[rows].T)
     bearing = np.arctan2(*own[rows].T) - grid_bearing_of_true_north(field.grid.projection, *exact)
     return Mission(
         field.time_ns + rows * (_STEP_S * 10**9),
         place,
         np.where(moving, np.mod(np.rad2deg(bearing), 360.0), 0.0),
-        np.where(moving, np.where(phase <= half, -GLIDE_ANGLE_DEG, GLIDE_ANGLE_DEG), 0.0),
+        np.where(moving, np.where(sinks, -GLIDE_ANGLE_DEG, GLIDE_ANGLE_DEG), 0.0),
         np.isin(rows, pinged),
         logged,
         submerged,
