@@ -1,4 +1,4 @@
-"""Twins of gliders that fly distinct courses through one truth."""
+"""Twins of gliders that fly through one truth from distinct corners."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,33 +7,12 @@ import numpy as np
 
 from replay_kit.core.grid import Ensemble
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins.adcp import measured_on
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.glider import Schedule, missions
-from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
-from tests.faulty import SOUND, Faults, messages_of
+from replay_kit.studies.twins.mission import dives
+from tests.faulty import SOUND, Faults, measured_on, messages_of
 
 # m/s, a component; that of a mean current that states none, as a replay takes it
 _MEAN_CURRENT_STD = 0.02
-
-
-def course(number: int, of: int) -> tuple[tuple[float, float], ...]:
-    """Return the course of one of some gliders: a triangle about the middle of the grid, each turned against the others."""
-    angles = 2.0 * np.pi * (number / of + np.array([0.0, 0.4, 0.75]))
-    return tuple(
-        (0.5 + 0.3 * float(np.sin(angle)), 0.5 + 0.3 * float(np.cos(angle))) for angle in angles
-    )
-
-
-def with_errors(mission: Mission, rng: np.random.Generator) -> Mission:
-    """Return a mission whose dives' mean currents err as a replay takes them to."""
-    dives = tuple(
-        replace(dive, current=(dive.current[0] + float(east), dive.current[1] + float(north)))
-        for dive, (east, north) in zip(
-            mission.dives, _MEAN_CURRENT_STD * rng.normal(size=(len(mission.dives), 2)), strict=True
-        )
-    )
-    return replace(mission, dives=dives)
 
 
 def write_array(
@@ -57,13 +36,14 @@ def write_array(
         late_s: How much later each begins than the one before [s].
     """
     field, logs = build_field(truth), {}
-    start_ns = EPOCH_NS if truth.time_ns is None else truth.time_ns
-    rngs = [np.random.default_rng([0, number]) for number in range(count)]
-    schedules = [Schedule(to_the_end=True, course=course(k, count)) for k in range(count)]
-    starts_ns = [start_ns + 10**9 * (late_s * number) for number in range(count)]
-    all_flown = missions(field, pings, starts_ns, rngs, schedules)
-    for number, (one, rng) in enumerate(zip(all_flown, rngs, strict=True)):
-        flight = measured_on(with_errors(one, rng), field, 0.09, rng)
+    for number in range(count):
+        # the first three begin at different corners
+        rng = np.random.default_rng([5, number])
+        flown = dives(field, pings, rng)
+        errors = _MEAN_CURRENT_STD * rng.normal(size=flown.current.shape)
+        later_ns = flown.time_ns + 10**9 * (late_s * number)
+        flown = replace(flown, time_ns=later_ns, current=flown.current + errors)
+        flight = measured_on(flown, field, 0.09, rng)
         path = logs[f"sg{number + 1}"] = folder / f"sg{number + 1}.mcap"
         found = (faults or {}).get(number, SOUND)
         write_mcap_log(path, messages_of(flight, found, number, pings=not dac_only))

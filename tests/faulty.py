@@ -1,21 +1,19 @@
 """Simulated instruments that are wrong: faults put into the messages of a mission, and logs of such missions."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
-from replay_kit.core.grid import Ensemble, Projection
+from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Reference
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins.adcp import Flight, measured_on
-from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.glider import Schedule, mission
-from replay_kit.studies.twins.make import Twin
-from replay_kit.studies.twins.vehicle import EPOCH_NS, Pings
+from replay_kit.studies.twins.field import Field, build_field
+from replay_kit.studies.twins.make import Twin, measure, messages
+from replay_kit.studies.twins.mission import GLIDER_SPEED, VESSEL_SPEED, Mission, dives
 
 # draws of their own, so that a fault does not change what the instrument's noise draws
 _PLATFORM_DRAWS = 1
@@ -40,30 +38,48 @@ class Faults:
 SOUND = Faults()
 
 
-def as_logged(
-    velocity: np.ndarray, pings: Pings, projection: Projection, faults: Faults, seed: int
-) -> tuple[np.ndarray, np.ndarray | None]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Flight:
+    """A mission, the current that it is in, and what its sound instrument measures, shape (pings, n_cells, 2) [m/s]."""
+
+    mission: Mission
+    field: Field
+    noise: float
+    measured: np.ndarray
+
+
+def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Generator) -> Flight:
+    """Return a mission with its measurements."""
+    return Flight(mission, field, noise, measure(field, mission.place[mission.pinged], noise, rng))
+
+
+def platform_velocity(mission: Mission, field: Field) -> np.ndarray:
+    """Return the velocity of the vehicle over the ground at each ping, shape (n, 2) [m/s], true east and north."""
+    at = mission.pinged
+    heading, pitch = (np.deg2rad(each[at]) for each in (mission.heading_deg, mission.pitch_deg))
+    ahead = np.column_stack([np.sin(heading), np.cos(heading)])
+    east, north, depth = mission.place[at].T
+    where = to_geographic(field.grid.projection, east, north)
+    own = np.where(pitch == 0.0, 0.0, GLIDER_SPEED * np.cos(pitch))[:, None] * ahead
+    # a vessel's course is along the local axes
+    local = field.velocity(east, north, depth) if len(mission.dives) else VESSEL_SPEED * ahead
+    return own + np.column_stack(rotate_to_geographic(field.grid.projection, *where, *local.T))
+
+
+def as_logged(flight: Flight, faults: Faults, seed: int) -> tuple[np.ndarray, np.ndarray | None]:
     """Return velocities as the instrument logs them, and the platform's velocity that it states, shape (n, 2), or None.
 
     Args:
-        velocity: shape (n, n_cells, 2) [m/s], of the water over the ground with noise, true east and north.
-        pings: Where, and how the platform moved.
-        projection: The local frame of the pings.
+        flight: The mission with sound measurements.
         faults: What is wrong.
         seed: Of the error of the platform's velocity.
     """
     if faults == SOUND:
-        return velocity, None
-    assert pings.velocity is not None, "missions know how their vehicle moves"
-    longitude, latitude = to_geographic(projection, pings.east, pings.north)
-    platform = np.column_stack(
-        rotate_to_geographic(
-            projection, longitude, latitude, pings.velocity[:, 0], pings.velocity[:, 1]
-        )
-    )
+        return flight.measured, None
+    platform = platform_velocity(flight.mission, flight.field)
     bias = np.deg2rad(faults.heading_bias_deg)
     clockwise = np.array([[np.cos(bias), -np.sin(bias)], [np.sin(bias), np.cos(bias)]])
-    logged = (velocity - platform[:, None]) @ clockwise
+    logged = (flight.measured - platform[:, None]) @ clockwise
     if faults.reference == "earth":
         return logged + platform[:, None], None
     if faults.platform_std is None:
@@ -83,9 +99,8 @@ def messages_of(
         seed: Of the error of the platform's velocity.
         pings: Whether its pings are logged.
     """
-    track = flight.mission.pings
-    logged, platform = as_logged(flight.measured, track, flight.field.grid.projection, faults, seed)
-    found = replace(flight, measured=logged).messages()
+    logged, platform = as_logged(flight, faults, seed)
+    found = messages(flight.mission, logged, flight.noise)
     if not pings:
         found = (message for message in found if message.topic != "/adcp")
     for ordinal, message in enumerate(found):
@@ -101,9 +116,7 @@ def messages_of(
 def write_glider(
     truth: Ensemble, twin: Twin, out: Path, faults: Faults = SOUND, *, pings: bool = True
 ) -> None:
-    """Write the log of a glider with faults; its positions are logged to the end of the last dive."""
+    """Write the log of a glider with faults."""
     rng, field = np.random.default_rng(twin.seed), build_field(truth)
-    start_ns = EPOCH_NS if truth.time_ns is None else truth.time_ns
-    flown = mission(field, twin.pings, start_ns, rng, schedule=Schedule(to_the_end=True))
-    flight = measured_on(flown, field, twin.noise, rng)
+    flight = measured_on(dives(field, twin.pings, rng), field, twin.noise, rng)
     write_mcap_log(out, messages_of(flight, faults, twin.seed, pings=pings))

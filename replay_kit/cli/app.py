@@ -8,7 +8,7 @@ import gc
 import os
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from cyclopts import App, CycloptsError, Group, Parameter, Token
@@ -128,22 +128,17 @@ _COMMANDS = {
             "Generate a synthetic ensemble (incompressible, eddying, baroclinic) and a withheld truth.",
         ),
     },
-}
-_STUDIES = {
     "Studies": {
-        "paper": (
+        "experiment paper": (
             "experiment",
             "--ensemble FILE (--truth FILE | --leave-out K) -o DIR",
             "Compute the study of Kong et al. (IROS 2021) on an ensemble: its tables, and a report of where its method holds.",
         ),
-    }
+    },
 }
 #: What each command needs, by its words.
 FORMS = {
-    f"{before}{name}": form
-    for before, table in (("", _COMMANDS), ("experiment ", _STUDIES))
-    for commands in table.values()
-    for name, (_, form, _) in commands.items()
+    command: form for commands in _COMMANDS.values() for command, (_, form, _) in commands.items()
 }
 _HELP = ("--help", "-h", "--help-all")
 _SHOWN = (*_HELP, "--version")
@@ -156,10 +151,11 @@ def _shown(default: Any) -> str | None:
     return None if default in (None, (), False) else str(default)
 
 
-def _group(name: str, table: Mapping[str, Mapping[str, Sequence[str]]], **more: Any) -> App:
-    """Return an app with the commands of a table, by import path, so that their modules load on call."""
-    group = App(
+def _group(name: str, about: str, **more: Any) -> App:
+    """Return an app of commands."""
+    return App(
         name=name,
+        help=about,
         help_flags=_HELP,
         help_format="plaintext",
         version=f"replay-kit {__version__}",
@@ -168,38 +164,36 @@ def _group(name: str, table: Mapping[str, Mapping[str, Sequence[str]]], **more: 
         group_commands=Group("Options", sort_key=99),
         **more,
     )
-    for k, (heading, commands) in enumerate(table.items()):
-        under = Group(heading, sort_key=k)
-        for order, (command, (module, form, about)) in enumerate(commands.items()):
-            group.command(
-                f"replay_kit.cli.commands.{module}:{command}",
-                name=command,
-                group=under,
-                sort_key=order,
-                help=about,
-                usage=f"Usage: replay-kit {'experiment ' * (name != 'replay-kit')}{command} {form} [OPTIONS]",
-            )
-    return group
 
 
 app = _group(
     "replay-kit",
-    _COMMANDS,
-    help="Estimate the ocean current from a vehicle's logs and an ensemble forecast, and plan a glide over it.",
+    "Estimate the ocean current from a vehicle's logs and an ensemble forecast, and plan a glide over it.",
     config=before_conversion,
     result_action="return_value",
     exit_on_error=False,
     suppress_keyboard_interrupt=False,
     print_error=False,
 )
-app.command(
-    _group(
-        "experiment",
-        _STUDIES,
-        help="Studies: the tables of a paper on any ensemble.",
-        group=Group("Studies", sort_key=9),
-    )
+_studies = _group(
+    "experiment",
+    "Studies: the tables of a paper on any ensemble.",
+    group=Group("Studies", sort_key=len(_COMMANDS)),
 )
+app.command(_studies)
+for _number, (_heading, _commands) in enumerate(_COMMANDS.items()):
+    _under = Group(_heading, sort_key=_number)
+    for _order, (_command, (_module, _form, _about)) in enumerate(_commands.items()):
+        _name = _command.rpartition(" ")[2]
+        # by import path, so that its module loads on call
+        (app if _name == _command else _studies).command(
+            f"replay_kit.cli.commands.{_module}:{_name}",
+            name=_name,
+            group=_under,
+            sort_key=_order,
+            help=_about,
+            usage=f"Usage: replay-kit {_command} {_form} [OPTIONS]",
+        )
 app.register_install_completion_command(
     help="Install the completion of commands and options in the shell."
 )
@@ -276,12 +270,10 @@ def _explained(error: CycloptsError) -> str:
         message = f"{what} is missing; expected replay-kit {command} {FORMS[command]}."
     elif isinstance(error, UnknownOptionError):
         from replay_kit.cli.settings import settings_named
-        from replay_kit.config.removed import instead_of
 
         name = (error.token.keyword or error.token.value).partition("=")[0].lstrip("-")
-        gone, found = instead_of(command, name), settings_named(name)
-        message += f" It was removed: {gone}." if gone else ""
-        message += "".join(f" In a file of --config: [{section}] {key}." for section, key in found)
+        for section, key in settings_named(name):
+            message += f" In a file of --config: [{section}] {key}."
     return f"{message} See {' '.join(('replay-kit', *command.split()))} --help."
 
 

@@ -1,6 +1,6 @@
 """Parts shared by the commands: option groups, endings of outputs, and parsing of compound values."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +12,12 @@ from cyclopts.validators import Number
 from replay_kit.cli import console
 from replay_kit.config.option import PLACE, Numbers, numbers
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.files.paths import is_stream, path_of
+from replay_kit.core.files.paths import check_paths, is_stream, path_of
 from replay_kit.core.words.quantities import parse_duration
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from replay_kit.core.plan import Place
 
 INPUTS = Group("Inputs", sort_key=1)
@@ -24,20 +26,7 @@ CHOICES = Group("Options", sort_key=3)
 REPORTING = Group("Reporting", sort_key=9)
 
 # Endings of file names, which the name of a folder does not have.
-_FILE_ENDINGS = (
-    ".mcap",
-    ".tlog",
-    ".nc",
-    ".json",
-    ".csv",
-    ".geojson",
-    ".toml",
-    ".html",
-    ".png",
-    ".svg",
-    ".pdf",
-    ".kml",
-)
+_FILE_ENDINGS = ".mcap .tlog .nc .json .csv .geojson .toml .html .png .svg .pdf .kml"
 
 # Of a group of values: each of its fields is an option of its own, under the group's heading.
 TO_INPUTS, TO_OUTPUTS, TO_OPTIONS = (
@@ -113,7 +102,7 @@ class Ending:
         path = Path(text)
         ending, streamed = path.suffix.lower(), str(path) == "-" or is_stream(path)
         if not self.endings:
-            if ending in _FILE_ENDINGS:
+            if ending and ending in _FILE_ENDINGS.split():
                 raise ConfigError(
                     f"{name}: expected the name of a folder, got '{path}' with the ending {path.suffix}; leave the ending out"
                 )
@@ -153,25 +142,16 @@ def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCo
             if isinstance(mark, Ending | Numbers):
                 for value in given.get(argument.name, []):
                     mark.check(argument.name, value)
-    log = next((Path(value) for value in given.get("--log", [])), None)
-    if log is not None and any(
-        _is(log, value) for name, values in given.items() if name != "--log" for value in values
-    ):
+    log = next((Path(value) for value in given.pop("--log", [])), None)
+    others = (Path(value).resolve() for values in given.values() for value in values)
+    if log is not None and log.resolve() in others:
         raise ConfigError(f"--log: '{log}' is another file of this command; choose another name")
     console.begin(console.Reporting("--quiet" in given, "--verbose" in given, log))
 
 
-def _is(path: Path, value: str) -> bool:
-    """Return whether a path equals a value of the command line."""
-    return path.resolve() == Path(value).resolve()
-
-
 # Settings of the forecast that do not need a log.
-_OF_FORECAST = (
-    *("members", "axes", "region", "levels", "lead", "time", "reference_time"),
-    *("offline", "max_download"),
-)
-PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
+_OF_FORECAST = "members axes region levels lead time reference_time offline max_download"
+PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST.split())
 _LOGS = (
     "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other glider NetCDF files, "
     "SeaExplorer raw files, a table of pings (pings.csv or .nc with time, longitude, latitude, depth, u, v, error; --columns u=East names "
@@ -198,7 +178,9 @@ Ensemble = Annotated[
     option("FILE...", group=INPUTS, help=f"Ensemble forecast: {ENSEMBLE_HELP}"),
     SOURCES,
 ]
-Truth = Annotated[str | None, option("T.nc[#member]", help="Known truth to score against.")]
+Truth = Annotated[
+    str | None, option("T.nc[#member]", group=INPUTS, help="Known truth to score against.")
+]
 Noise = Annotated[
     float,
     option(least=0.0, help="Standard deviation of each velocity component of a bin [m/s]."),
@@ -229,6 +211,10 @@ class Replacing:
         None
     )
 
+    def check(self, read: Iterable[Path | None], *made: Path | None) -> None:
+        """Raise ConfigError if an input is missing, or an output is an input or exists and is not to be replaced."""
+        check_paths(read, made, self.overwrite)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer(Replacing):
@@ -241,6 +227,18 @@ class Answer(Replacing):
     json_file: Annotated[
         Path | None, option("FILE", name="--json"), Ending((".json",), stream=True)
     ] = None
+
+    def check(self, read: Iterable[Path | None], *made: Path | None) -> None:
+        """Check inputs and outputs, among them the answer's file."""
+        check_paths(read, (*made, self.json_file), self.overwrite)
+
+    def console(self, *streams: Path | None) -> "Console":
+        """Return the console of tables and messages beside the answer and other streams."""
+        return console.console_beside(self.json_file, *streams)
+
+    def write(self, answer: Mapping[str, Any]) -> None:
+        """Write the answer as JSON if that is asked for."""
+        console.write_json(self.json_file, answer)
 
 
 def place(text: str, name: str) -> "Place":

@@ -2,11 +2,10 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from replay_kit.config.file import NotNegative, Positive, Section
 from replay_kit.config.option import Option
-from replay_kit.config.removed import refuse_value
 
 
 class GatingConfig(Section):
@@ -19,12 +18,6 @@ class GatingConfig(Section):
 
     gate: Literal["reject", "off"] = "reject"
     gate_probability: Annotated[float, Field(gt=0.0, lt=0.5)] = 1e-5
-
-    @field_validator("gate", mode="before")
-    @classmethod
-    def _no_earlier_gate(cls, gate: object) -> object:
-        refuse_value("gating.gate", gate)
-        return gate
 
 
 class ConsistencyConfig(Section):
@@ -60,12 +53,5 @@ class TimeConfig(Section):
     ] = "auto"
     window: Literal["auto"] | NotNegative = "auto"
     oscillators: Annotated[tuple[Oscillation, ...], Option("O1,O2,...")] = ()
-
-    @field_validator("oscillators", mode="before")
-    @classmethod
-    def _still_there(cls, value: object) -> object:
-        for name in value if isinstance(value, list | tuple) else ():
-            refuse_value("--oscillators", name)
-        return value
 
     biases: tuple[Bias, ...] = ()

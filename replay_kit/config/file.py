@@ -5,13 +5,13 @@ import reprlib
 import tomllib
 from collections import defaultdict
 from collections.abc import Mapping
+from difflib import get_close_matches
 from inspect import cleandoc
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from replay_kit.config.removed import SETTINGS
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.files.inputs import open_input
 from replay_kit.core.words.quantities import parse_duration
@@ -89,7 +89,9 @@ def explain(
         key = ".".join(str(part)[: _SHORT.maxstring] for part in item["loc"])
         if item["type"] == "extra_forbidden":
             known = sorted(_known_keys(model, item["loc"][:-1]))
-            line = f"unknown key '{key}'; known here: {', '.join(known)}"
+            nearest = get_close_matches(str(item["loc"][-1])[: _SHORT.maxstring], known, 1)
+            meant = f"; did you mean {nearest[0]}?" if nearest else ""
+            line = f"unknown key '{key}'; known here: {', '.join(known)}{meant}"
         else:
             said, got = item["msg"].removeprefix("Value error, "), _SHORT.repr(item["input"])
             line = f"'{key}': {said}"
@@ -143,30 +145,6 @@ def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
     """Return whether a location in the configuration refers to a model: pydantic includes the kind of an entry in it."""
     kinds = get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
     return len(kinds) != 1 or kinds[0] in location
-
-
-def refuse_earlier(tables: Mapping[str, Any], path: Path | None) -> None:
-    """Refuse a configuration that has tables or keys of an earlier version.
-
-    Args:
-        tables: As in the file.
-        path: The file, for the message.
-
-    Raises:
-        ConfigError: Such a key is present; the message names its replacement.
-    """
-    if "trust" in tables:
-        raise ConfigError(
-            f"{path}: the table [trust] is now called [gating]; rename it, and leave out its keys watch and watch_profiles"
-        )
-    for name, removed in SETTINGS.items():
-        table: Any = tables
-        for part in name.split("."):
-            table = table.get(part, {}) if isinstance(table, Mapping) else {}
-        entries = table if isinstance(table, list) else [table]
-        for key, instead in removed.items():
-            if any(isinstance(entry, Mapping) and key in entry for entry in entries):
-                raise ConfigError(f"{path}: [{name}] has no {key} any more: {instead}")
 
 
 _UNIT = re.compile(r"\[(s|min|h|d)\]")

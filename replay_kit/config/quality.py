@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from replay_kit.config.file import NotNegative, Section
-from replay_kit.config.removed import refuse_value
 
 
 def _off_is_none(value: object) -> object:
@@ -189,7 +188,6 @@ def checked_rules(rules: Sequence[str]) -> None:
     for rule in rules:
         if rule in _KINDS:
             continue
-        refuse_value("--without", rule)
         found = re.fullmatch(r"dives:(\d{1,9})(?:-(\d{1,9}))?", rule)
         if found is None:
             raise ValueError(f"{_EXPECTED}; '{rule}' is none of them")

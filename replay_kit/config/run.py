@@ -25,7 +25,6 @@ from replay_kit.config.file import (
     Section,
     explain,
     read_toml,
-    refuse_earlier,
 )
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.option import Option
@@ -322,7 +321,6 @@ def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -
     tables: dict[str, Any] = {}
     if path is not None:
         tables = read_toml(path)
-        refuse_earlier(tables, path)
     try:
         return RunConfig.model_validate(laid_over(tables, overrides or {}))
     except ValidationError as error:

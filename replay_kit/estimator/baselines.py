@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from replay_kit.config.removed import refuse_value
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
@@ -193,7 +192,6 @@ def build_named(ensemble: Ensemble, config: EstimatorConfig) -> Estimator[Any]:
     """
     if config.name in BASELINES:
         return BASELINES[config.name](ensemble, config)
-    refuse_value("--estimator", config.name)
     if config.name not in (added := additions("estimators", callable, "a function")):
         known = ", ".join(("reduced_basis", *BASELINES, *added))
         raise ConfigError(f"estimator: expected one of {known}, got '{config.name}'")

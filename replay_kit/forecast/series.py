@@ -1,7 +1,6 @@
 """Forecast or truth at all dated times: leads after a reference time, or times of a file."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import (
     MADE,
     Elsewhere,
-    MemberRule,
     parse_rule,
     without_copies,
 )
@@ -23,9 +21,6 @@ from replay_kit.forecast.members.times import date_text, steps_of
 from replay_kit.forecast.reader import (
     read_ensemble,
     read_members,
-    read_selections,
-    select_each,
-    truth_in,
 )
 
 _DAY_NS = 86_400 * 10**9
@@ -108,39 +103,3 @@ def _dates(field: Field, config: ForecastConfig) -> Times:
             f"{field.where}: two leads or times of the forecast are the same; choose one with --lead or forecast.time, or mend the file"
         )
     return dates
-
-
-def read_changing_truth(
-    spec: str, config: ForecastConfig, reference_time: str
-) -> tuple[Ensemble, ...]:
-    """Return a truth at each lead of its file, or at each time if it has no leads, in order.
-
-    Args:
-        spec: See ``read_truth``.
-        config: See ``read_truth``; the lead is not used, nor all but the first time of a file with leads.
-        reference_time: Time of lead 0, ISO 8601 UTC, used if neither file nor configuration states one.
-
-    Raises:
-        ForecastError: See ``read_truth``; or the file has a single time, or leads without a unit of time.
-    """
-    name = spec.partition("#")[0]
-    with open_collection(Path(name), MemberRule("")) as found:
-        field = found.members[0][0]
-        if config.lead is not None or config.time is not None:
-            raise ForecastError(
-                f"{name}: a changing truth uses all leads and times; remove --lead or forecast.time"
-            )
-        if field.lead is not None and not steps_of(field, config).valid.size:
-            config = config.model_copy(update={"reference_time": reference_time})
-        steps = steps_of(field, config)
-        if steps.dim is None or (count := field.like.sizes[steps.dim]) < 2:
-            raise ForecastError(
-                f"{name}: a changing truth needs a dimension of at least two leads or times, got {0 if steps.dim is None else count}"
-            )
-        if not steps.valid.size:
-            raise ForecastError(
-                f"{name}: its leads have no unit of time; give the lead's attribute units, such as days"
-            )
-        one = truth_in(found, spec)
-        selections = select_each(one, config, None, steps.valid)
-        return read_selections(selections, config, None, spec, found.notes).series

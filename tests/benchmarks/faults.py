@@ -40,16 +40,15 @@ from replay_kit.measurements.checks.profile import EnsembleSpeeds, ensemble_spee
 from replay_kit.measurements.checks.sensors import CLOCK, DEPTHS
 from replay_kit.measurements.observed import blocks
 from replay_kit.measurements.observed import rows as events_of
-from replay_kit.studies.twins.adcp import Flight, measured_on
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.glider import mission as glider_mission
-from replay_kit.studies.twins.vehicle import EPOCH_NS, survey
+from replay_kit.studies.twins.mission import dives as glider_dives
+from replay_kit.studies.twins.mission import survey
 from replay_kit.workflows.replay.consistency import MonitoringState, check_file, conclusions
 from replay_kit.workflows.replay.steps import Counts
 from tests.benchmarks.fault_kinds import FAULTS, Fault, in_beams
 from tests.benchmarks.knowable import probability
 from tests.benchmarks.measure import Row, row
-from tests.faulty import Faults, messages_of
+from tests.faulty import Faults, Flight, measured_on, messages_of
 from tests.places import DATA, SAMPLES
 
 _SEEDS, _PINGS, _TINY_PINGS, _BLOCK = 5, 250, 60, 256
@@ -268,10 +267,9 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
             f"{spec}{7 + 4 * seed}" if spec.endswith("#") else spec, ForecastConfig()
         )
         sea, pings = build_field(truth), _TINY_PINGS if tiny else _PINGS
-        start_ns = EPOCH_NS if truth.time_ns is None else truth.time_ns
-        for vehicle, fly in (("vessel", survey), ("glider", glider_mission)):
+        for vehicle, fly in (("vessel", survey), ("glider", glider_dives)):
             rng = np.random.default_rng(seed)
-            flight = measured_on(fly(sea, pings, start_ns, rng), sea, _NOISE[seed], rng)
+            flight = measured_on(fly(sea, pings, rng), sea, _NOISE[seed], rng)
             for moves in (False, True) if vehicle == "glider" else (False,):
                 label = f"{name} {vehicle}{' with motion' * moves} {seed}"
                 yield Log(

@@ -11,9 +11,9 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.grid import Ensemble
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins.adcp import measured_on
 from replay_kit.studies.twins.field import Field, build_field
-from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Mission, Pings, log_position
+from replay_kit.studies.twins.make import measure, messages
+from replay_kit.studies.twins.mission import Mission, as_logged
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
@@ -40,13 +40,11 @@ def survey(field: Field, n: int, first: int = 0) -> Mission:
     across = np.where(round_trip < 2.0 * half, 0.0, 180.0)
     heading = np.where(along < _LEG, np.where(leg % 2 == 0, 90.0, 270.0), across)
     east = np.where(leg % 2 == 0, east, -east)
-    time_ns, nothing = EPOCH_NS + NS_PER_S * second, np.zeros(n)
-    pings = Pings(time_ns, east, north, nothing, heading, nothing)
-    positions = tuple(
-        log_position(field, at, place)
-        for at, place in zip(time_ns.tolist(), np.column_stack([east, north]), strict=True)
-    )
-    return Mission(pings, positions, ())
+    place, level = np.column_stack([east, north, np.zeros(n)]), np.zeros(n)
+    every = np.ones(n, dtype=np.bool_)
+    time_ns, none = field.time_ns + 10**9 * second, np.empty((0, 2), dtype=np.intp)
+    logged = as_logged(field, place)
+    return Mission(time_ns, place, heading, level, every, logged, ~every, none, none * 1.0)
 
 
 def written(values: Ensemble, path: Path) -> Path:
@@ -98,7 +96,8 @@ def rows(tiny: bool) -> list[Row]:
         written(truth, folder / "truth.nc")
         for n, peer in ((part, True), (day, False)):
             log, rng = folder / f"{n}.mcap", np.random.default_rng(1)
-            write_mcap_log(log, measured_on(survey(field, n), field, NOISE, rng).messages())
+            mission = survey(field, n)
+            write_mcap_log(log, messages(mission, measure(field, mission.place, NOISE, rng), NOISE))
             ours = _replayed(folder, log, "auto")
             theirs = _replayed(folder, log, 0.0) if peer else None
             error = {"unused": float(n - ours["used"])}

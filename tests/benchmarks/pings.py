@@ -25,7 +25,7 @@ from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.estimator import build
 from replay_kit.forecast import read_truth
-from replay_kit.studies.twins.adcp import random_observations
+from replay_kit.studies.paper.cases import random_observations
 from replay_kit.studies.twins.field import build_field
 from tests.benchmarks.measure import Row, row
 from tests.places import DATA, SAMPLES

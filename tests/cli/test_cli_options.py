@@ -14,7 +14,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
 from tests.command import invoke, succeed
-from tests.places import ROOT, SAMPLES
+from tests.places import ROOT
 
 FILES = "out netcdf save-estimate json geojson csv waypoints suggest"
 WRITTEN = {f"--{name}" for name in FILES.split()}
@@ -208,10 +208,10 @@ def test_words_after_an_ensemble_are_files_of_it(given, meant):
 def test_durations_of_options_take_units_and_lists_and_flags_may_come_again(log, tmp_path):
     again = "--remap /a=/b --remap /c=/d --overwrite --overwrite"
     succeed(f"convert {log} -o {tmp_path}/o.mcap {again}")
-    said = refusal("twin --truth t.nc --interval 10parsecs -o x.mcap")
-    assert "expected a number, or a duration such as 90s, 36h, 2d" in said
-    same = tmp_path / "0.mcap", tmp_path / "1.mcap"
-    for out, interval in zip(same, ("10min", "600"), strict=True):
-        words = f"--vehicle glider --pings 2 --interval {interval} -o {out}"
-        succeed(f"twin --truth {SAMPLES}/truth.nc {words}")
-    assert same[0].read_bytes() == same[1].read_bytes()
+    words = f"replay {log} --ensemble e.nc -o {tmp_path}/x.mcap --until-idle"
+    for given, said in (
+        ("10parsecs", "expected a number, or a duration such as 90s, 36h, 2d"),
+        ("10min", "--until-idle: needs --follow"),
+        ("600", "--until-idle: needs --follow"),
+    ):
+        assert said in refusal(f"{words} {given}")

@@ -27,7 +27,7 @@ def load(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[planner]\nspeeed = 0.4\n", r"unknown key 'planner\.speeed'; known here: .*speed"),
+        ("[planner]\nspeeed = 0.4\n", r"unknown key 'planner\.speeed'; known here: .*mean speed\?"),
         ("[plannner]\nspeed = 0.4\n", r"unknown key 'plannner'"),
         ("[planner]\nspeed = -1\n", r"run\.toml"),
         ("[planner\n", r"run\.toml"),

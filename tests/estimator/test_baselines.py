@@ -90,7 +90,7 @@ def test_naive_is_a_textbook_filter_on_the_modes_of_whole_members():
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("kriging", "expected one of reduced_basis, naive3d, nearest"), ("etkf", "etkf any more")],
+    [("kriging", "expected one of reduced_basis, naive3d, nearest"), ("etkf", "got 'etkf'")],
 )
 def test_what_cannot_be_built_is_said(name, text):
     with pytest.raises(ConfigError, match=text):

@@ -11,9 +11,8 @@ import replay_kit as rk
 from replay_kit.config.run import RunConfig
 from replay_kit.forecast import read_truth
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins.adcp import measured_on
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.studies.twins.make import Twin, make_twin, measure, messages
 from tests.benchmarks.longlogs import survey
 from tests.benchmarks.scene import NOISE
 from tests.command import invoke, succeed
@@ -33,8 +32,9 @@ def folder(tmp_path_factory):
         (found / name).mkdir()
     truth = read_truth(str(SAMPLES / "truth.nc"), RunConfig().forecast)
     field, rng = build_field(truth), np.random.default_rng(3)
-    flight = measured_on(survey(field, DAY), field, NOISE, rng)
-    write_mcap_log(found / "ship" / "ship.mcap", flight.messages())
+    mission = survey(field, DAY)
+    velocity = measure(field, mission.place, NOISE, rng)
+    write_mcap_log(found / "ship/ship.mcap", messages(mission, velocity, NOISE))
     for seed in (1, 2):
         make_twin(truth, Twin("glider", 130, 0.09, seed), found / f"g{seed}" / f"g{seed}.mcap")
     radar = totals((0.1, -0.1), hours=24, west=152.3, south=-40.3)

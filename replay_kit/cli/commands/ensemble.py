@@ -3,21 +3,21 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from replay_kit.cli.console import console_beside, part_named, progress, write_json
+from replay_kit.cli.console import console_beside, part_named, progress
 from replay_kit.cli.options import (
     FLAG,
     INPUTS,
+    MCAP,
     NETCDF,
     OUTPUTS,
     PART_OF_FORECAST,
     TO_OPTIONS,
     TO_OUTPUTS,
     Answer,
-    Ending,
     Ensemble,
     LogIfAny,
     Noise,
@@ -26,37 +26,26 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, annotated_toml, takes_settings
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.files.paths import addresses_in, as_groups, check_paths, truth_path
+from replay_kit.core.files.paths import addresses_in, truth_path
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from replay_kit.config.run import RunConfig
     from replay_kit.workflows.replay.inputs.job import ReplayJob
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Copied(Answer):
-    """Outputs of ``fetch``.
-
-    Attributes:
-        out: Also copy the part of one address to a file, to be given to --ensemble anywhere.
-    """
-
-    out: Annotated[Path | None, option("FORECAST.nc", alias="-o"), NETCDF] = None
 
 
 @takes_settings("logs", "measurements", "forecast", "estimator.name", "estimator.preset", "time")
 def fetch(
     *logs: LogIfAny,
     ensemble: Ensemble,
-    outputs: Annotated[Copied, TO_OUTPUTS] = Copied(),
+    out: Annotated[Path | None, option("FORECAST.nc", alias="-o", group=OUTPUTS), NETCDF] = None,
+    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
     settings: Settings,
     dry_run: Annotated[bool, FLAG] = False,
 ) -> int:
     """Return exit code 0.
 
     Args:
+        out: Also copy the part of one address to a file, to be given to --ensemble anywhere.
         dry_run: Only report the data to receive and their size.
     """
     addresses = addresses_in(ensemble)
@@ -64,12 +53,15 @@ def fetch(
         raise ConfigError(
             "--ensemble: expected an address, such as https://...; files need no fetching"
         )
-    if outputs.out is not None and len(addresses) > 1:
+    if out is not None and len(addresses) > 1:
         raise ConfigError(
             f"--out: expected one address, got {len(addresses)}; leave it out: all are kept in the folder forecast.cache"
         )
-    check_paths([*logs, settings.file], [outputs.out, outputs.json_file], outputs.overwrite)
-    config, console = settings.load(), console_beside(outputs.json_file)
+    answer.check([*logs, settings.file], out)
+    config = settings.load()
+    if dry_run:
+        with progress():
+            return print_price(ensemble, logs, config, answer)
 
     from replay_kit.forecast.remote.kept import record_of
     from replay_kit.workflows.fetch import copy_whole, request_of
@@ -77,40 +69,33 @@ def fetch(
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
     with progress():
-        request = request_of(ReplayJob(logs, ensemble), config)
-        if dry_run:
-            write_json(outputs.json_file, _price(request, console))
-            return 0
-        found = fetch_request(request)
+        found = fetch_request(request_of(ReplayJob(logs, ensemble), config))
+    console = answer.console()
     for path in found.files:
         how = "received" if found.asked else "fetched before"
         console.print(f"{path}: {how}, {path.stat().st_size / 1e6:.4g} MB")
-    if outputs.out is not None:
-        with part_named(outputs.out):
-            copy_whole(found.files[0], outputs.out)
-        console.print(f"Copy: {outputs.out}")
-    answer = [{"file": str(path), **(record_of(path) or {})} for path in found.files]
-    write_json(outputs.json_file, {"received": found.asked, "files": answer})
+    if out is not None:
+        with part_named(out):
+            copy_whole(found.files[0], out)
+        console.print(f"Copy: {out}")
+    files = [{"file": str(path), **(record_of(path) or {})} for path in found.files]
+    answer.write({"received": found.asked, "files": files})
     return 0
 
 
-def _price(request: Any, console: "Console") -> dict[str, Any]:
-    """Print the data to receive, and return them for JSON."""
+def print_price(
+    ensemble: tuple[Path, ...], logs: tuple[Path, ...], config: "RunConfig", answer: Answer
+) -> int:
+    """Print the data at addresses that logs need, or the region of the settings, also as JSON; return exit code 0."""
     from replay_kit.forecast.remote.fetch import cost_text
-    from replay_kit.workflows.fetch import price
-
-    rows = price(request)
-    for row in rows:
-        console.print(cost_text(row))
-    return {"received": False, "addresses": rows}
-
-
-def print_price(ensemble: tuple[Path, ...], config: "RunConfig", console: "Console") -> Any:
-    """Print the data at addresses in the region of the settings, and return them for JSON."""
-    from replay_kit.workflows.fetch import request_of
+    from replay_kit.workflows.fetch import price, request_of
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
-    return _price(request_of(ReplayJob((), ensemble), config), console)
+    rows = price(request_of(ReplayJob(logs, ensemble), config))
+    for row in rows:
+        answer.console().print(cost_text(row))
+    answer.write({"received": False, "addresses": rows})
+    return 0
 
 
 def local_forecast(job: "ReplayJob", config: "RunConfig") -> "ReplayJob":
@@ -124,18 +109,6 @@ def local_forecast(job: "ReplayJob", config: "RunConfig") -> "ReplayJob":
         return with_local_forecast(job, config)
 
 
-def local_ensemble(
-    ensemble: tuple[Path, ...], logs: tuple[Path, ...], config: "RunConfig"
-) -> tuple[Path, ...]:
-    """Return an ensemble as files; addresses are fetched."""
-    if not addresses_in(ensemble):
-        return ensemble
-    from replay_kit.workflows.replay.inputs.job import ReplayJob
-
-    job = local_forecast(ReplayJob(logs, ensemble), config)
-    return tuple(path for group in as_groups(job.ensemble, "ensemble") for path in group)
-
-
 def config(*sections: Annotated[str, Parameter(name="SECTION", group=INPUTS)]) -> int:
     """Return exit code 0.
 
@@ -147,34 +120,17 @@ def config(*sections: Annotated[str, Parameter(name="SECTION", group=INPUTS)]) -
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Files(Replacing):
-    """Input and output of a synthetic log.
-
-    Attributes:
-        truth: The current that the vehicle moves in.
-        out: The log.
-    """
-
-    truth: Annotated[str, option("FILE[#member]", group=INPUTS)]
-    out: Annotated[Path, option("X.mcap", alias="-o"), Ending((".mcap",))]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
     """Motion and pings of the vehicle.
 
     Attributes:
         vehicle: A vessel surveys at random positions, a glider dives.
         pings: Number of ADCP pings.
-        interval: Time from ping to ping of a glider [s], a multiple of 120.
-        changing: The current changes through all leads or times of the truth.
         seed: The same seed gives the same bytes.
     """
 
     vehicle: Literal["vessel", "glider"] = "vessel"
     pings: Annotated[int, option(least=1)] = 450
-    interval: Annotated[float, option("S", seconds=True)] = 600.0
-    changing: Annotated[bool, FLAG] = False
     noise: Noise = 0.09
     seed: int = 0
 
@@ -182,30 +138,29 @@ class Survey:
 @takes_settings(*PART_OF_FORECAST, file=False)
 def twin(
     *,
-    files: Annotated[Files, TO_OUTPUTS],
+    truth: Annotated[str, option("FILE[#member]", group=INPUTS)],
+    out: Annotated[Path, option("X.mcap", alias="-o", group=OUTPUTS), MCAP],
     survey: Annotated[Survey, TO_OPTIONS] = Survey(),
+    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
     settings: Settings,
 ) -> int:
-    """Return exit code 0."""
-    check_paths([truth_path(files.truth)], [files.out], files.overwrite)
+    """Return exit code 0.
+
+    Args:
+        truth: The current that the vehicle moves in.
+        out: The log.
+    """
+    replacing.check([truth_path(truth)], out)
     part = settings.load().forecast
 
-    from replay_kit.forecast import read_changing_truth, read_truth
+    from replay_kit.forecast import read_truth
     from replay_kit.studies.twins.make import Twin, make_twin
-    from replay_kit.studies.twins.vehicle import EPOCH
 
-    simulated = Twin(
-        survey.vehicle, survey.pings, survey.noise, survey.seed, interval_s=survey.interval
-    )
+    simulated = Twin(survey.vehicle, survey.pings, survey.noise, survey.seed)
     with progress() as advance:
         advance(0, 0, "moving the vehicle")
-        sea = (
-            read_changing_truth(files.truth, part, EPOCH)
-            if survey.changing
-            else read_truth(files.truth, part)
-        )
-        made = make_twin(sea, simulated, files.out, files.overwrite)
-    console_beside(None).print(f"{files.out}: {survey.pings} pings over {made.hours:.1f} h")
+        made = make_twin(read_truth(truth, part), simulated, out, replacing.overwrite)
+    console_beside().print(f"{out}: {survey.pings} pings over {made.hours:.1f} h")
     return 0
 
 
@@ -225,7 +180,7 @@ def synthesize(
         members: Number of members.
         seed: The same seed gives the same bytes.
     """
-    check_paths([], [ensemble, truth], replacing.overwrite)
+    replacing.check([], ensemble, truth)
 
     from replay_kit.studies.twins.ensemble import write_ensemble
 

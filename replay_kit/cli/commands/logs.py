@@ -1,15 +1,15 @@
 """``info``, ``qc``, ``convert``, ``smooth``, ``verify`` and ``compare``: commands on logs, and reproduction of results."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from replay_kit.cli.commands.ensemble import local_ensemble, local_forecast, print_price
-from replay_kit.cli.console import console_beside, part_named, progress, write_json, write_text
+from replay_kit.cli.commands.ensemble import local_forecast, print_price
+from replay_kit.cli.console import part_named, progress, write_text
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
     INPUTS,
     MCAP,
+    OUTPUTS,
     PART_OF_FORECAST,
     SOURCES,
     TO_OUTPUTS,
@@ -24,19 +24,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.files.paths import addresses_in, check_paths
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outputs(Answer):
-    """Outputs of ``info``.
-
-    Attributes:
-        suggest: Write a draft mapping for topics of unknown type; - is standard output.
-    """
-
-    suggest: Annotated[Path | None, option("FILE.toml"), Ending((".toml",), stream=True)] = None
-
+from replay_kit.core.files.paths import addresses_in
 
 _Ensemble = Annotated[
     tuple[Path, ...],
@@ -56,22 +44,25 @@ def info(
     *logs: LogIfAny,
     ensemble: _Ensemble = (),
     full: Annotated[bool, flag(group=INPUTS)] = False,
-    outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
+    suggest: Annotated[
+        Path | None, option("FILE.toml", group=OUTPUTS), Ending((".toml",), stream=True)
+    ] = None,
+    outputs: Annotated[Answer, TO_OUTPUTS] = Answer(),
     settings: Settings,
 ) -> int:
     """Return exit code 0, or 4 when bytes of a log were lost; raises the error that a replay would end with.
 
     Args:
         full: Read all of a large MCAP, not only its index and first messages: profiles, positions, damage.
+        suggest: Write a draft mapping for topics of unknown type; - is standard output.
     """
-    suggest, json_file = outputs.suggest, outputs.json_file
-    if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
+    if str(suggest) == str(outputs.json_file) == "-":
         raise ConfigError(
             "--suggest and --json: only one can have standard output; give the other a file"
         )
     if not logs and not ensemble:
         raise ConfigError("info: expected a log, or a forecast with --ensemble")
-    check_paths([*logs, settings.file, *ensemble], [suggest, json_file], outputs.overwrite)
+    outputs.check([*logs, settings.file, *ensemble], suggest)
     config = settings.load()
 
     from replay_kit.logs.tables.mapped import suggestions
@@ -91,12 +82,12 @@ def info(
         if ensemble:
             from replay_kit.forecast import describe_ensemble
             from replay_kit.workflows.info.listing import ensemble_json, print_ensemble
+            from replay_kit.workflows.replay.inputs.job import ReplayJob
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             if not logs and config.forecast.region is None and addresses_in(ensemble):
-                write_json(json_file, print_price(ensemble, config, console_beside(json_file)))
-                return 0
-            files = local_ensemble(ensemble, logs, config)
+                return print_price(ensemble, logs, config, outputs)
+            files = local_forecast(ReplayJob(logs, ensemble), config).forecasts
             if logs:
                 from replay_kit.workflows.replay.inputs.checks import (
                     check_logs,
@@ -109,30 +100,28 @@ def info(
                 near_ns = Logs([logs], config).ahead()[1]
             forecast = describe_ensemble(files, config.forecast, near_ns)
             check = check_logs(logs, files, config) if logs else None
-    console = console_beside(json_file, suggest)
+    console, answer = (
+        outputs.console(suggest),
+        dict[str, Any](logs=[info_json(log) for log in found]),
+    )
+    refusal, following = None, list[str]()
     if forecast is not None:
         print_ensemble(forecast, console)
+        answer["forecast"] = ensemble_json(forecast)
     print_infos(found, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
-    refusal = check.refusal if check is not None and asks_for_replay(found) else None
-    following = (
-        next_command(found, logs, ensemble, settings.words()) if logs and refusal is None else []
-    )
-    print_lines(console, following)
+        answer["import_check"] = import_check_json(check)
+        refusal = check.refusal if asks_for_replay(found) else None
+    if logs and refusal is None:
+        following = next_command(found, logs, ensemble, settings.words())
+        print_lines(console, following)
+    if following:
+        answer["next"] = "\n".join(following)
+    unknown = {topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}
     if suggest is not None:
-        write_text(
-            suggest,
-            suggestions(
-                {topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}
-            ),
-        )
-    answer: dict[str, Any] = {"logs": [info_json(log) for log in found]}
-    answer |= {"next": "\n".join(following)} if following else {}
-    answer |= {} if forecast is None else {"forecast": ensemble_json(forecast)}
-    write_json(
-        json_file, answer if check is None else {**answer, "import_check": import_check_json(check)}
-    )
+        write_text(suggest, suggestions(unknown))
+    outputs.write(answer)
     if refusal is not None:
         raise refusal
     return 4 if any(log.report.losses for log in found) else 0
@@ -141,42 +130,40 @@ def info(
 @takes_settings("logs", "measurements")
 def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = Answer()) -> int:
     """Return the exit code of the report."""
-    check_paths([*logs, settings.file], [answer.json_file], answer.overwrite)
+    answer.check([*logs, settings.file])
     config = settings.load()
 
     from replay_kit.workflows.info.qc import check_quality, print_quality
 
     with progress() as advance:
         report = check_quality(list(logs), config, advance)
-    print_quality(report, console_beside(answer.json_file))
-    write_json(answer.json_file, report)
+    print_quality(report, answer.console())
+    answer.write(report)
     return int(report["exit_code"])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Copy(Answer):
-    """Outputs of ``convert``.
+@takes_settings("logs.remap", "logs.columns", file=False)
+def convert(
+    *logs: Log,
+    out: Annotated[Path, option("OUT.mcap", alias="-o", group=OUTPUTS), MCAP],
+    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    settings: Settings,
+) -> int:
+    """Return exit code 0, or 4 when something was lost.
 
-    Attributes:
+    Args:
         out: One log.
     """
-
-    out: Annotated[Path, option("OUT.mcap", alias="-o"), Ending((".mcap",))]
-
-
-@takes_settings("logs.remap", "logs.columns", file=False)
-def convert(*logs: Log, outputs: Annotated[Copy, TO_OUTPUTS], settings: Settings) -> int:
-    """Return exit code 0, or 4 when something was lost."""
-    check_paths(logs, [outputs.out, outputs.json_file], outputs.overwrite)
+    answer.check(logs, out)
     config = settings.load()
 
     from replay_kit.workflows.convert import convert as convert_logs
     from replay_kit.workflows.convert import convert_json, print_converted
 
     with progress() as advance:
-        summary = convert_logs(list(logs), outputs.out, outputs.overwrite, config.logs, advance)
-    print_converted(summary, console_beside(outputs.json_file), outputs.verbose)
-    write_json(outputs.json_file, convert_json(summary))
+        summary = convert_logs(list(logs), out, answer.overwrite, config.logs, advance)
+    print_converted(summary, answer.console(), answer.verbose)
+    answer.write(convert_json(summary))
     return 4 if summary.losses else 0
 
 
@@ -193,7 +180,7 @@ def verify(
         result: A result of replay or plan.
         inputs: Folder of the inputs; may be repeated. Default: the result's folder, then the current one.
     """
-    check_paths([result, *(inputs or ())], [answer.json_file], answer.overwrite)
+    answer.check([result, *(inputs or ())])
 
     from replay_kit.show.text import print_lines
     from replay_kit.workflows.planning.adapters import planner_of
@@ -205,10 +192,8 @@ def verify(
         folders = [*(inputs or ()), result.parent]
         found = verify_result(sound.path, folders, planner_of, advance, plan_again)
     said = [f"{result}: {line}" for line in str(found).splitlines()]
-    notes = [f"note: {note}" for note in sound.lines]
-    print_lines(console_beside(answer.json_file), [*said, *notes])
-    answered = {"result": str(result), **found.to_json(), "notes": list(sound.lines)}
-    write_json(answer.json_file, answered)
+    print_lines(answer.console(), [*said, *(f"note: {note}" for note in sound.lines)])
+    answer.write({"result": str(result), **found.to_json(), "notes": list(sound.lines)})
     return sound.exit_code or (0 if found.same else 5)
 
 
@@ -225,7 +210,7 @@ def compare(
         first: A result of replay or plan.
         second: Another result of the same region and period.
     """
-    check_paths([first, second], [answer.json_file], answer.overwrite)
+    answer.check([first, second])
 
     from replay_kit.results import difference
     from replay_kit.show.text import print_lines
@@ -233,37 +218,25 @@ def compare(
 
     with sound_result(first) as one, sound_result(second) as other:
         found = difference(one.path, other.path)
-    print_lines(
-        console_beside(answer.json_file), [*one.lines, *other.lines, *str(found).splitlines()]
-    )
-    write_json(answer.json_file, {"results": [str(first), str(second)], **found.to_json()})
+    print_lines(answer.console(), [*one.lines, *other.lines, *str(found).splitlines()])
+    answer.write({"results": [str(first), str(second)], **found.to_json()})
     return max(one.exit_code, other.exit_code) or (0 if found.same else 5)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Smoothed(Answer):
-    """Outputs of ``smooth``.
-
-    Attributes:
-        out: Result, for any MCAP viewer, plot, export and report.
-    """
-
-    out: Annotated[Path, option("OUT.mcap", alias="-o"), MCAP]
 
 
 @takes_settings("logs", "measurements", "forecast", "estimator", "time")
 def smooth(
     *logs: Log,
     ensemble: Ensemble,
-    outputs: Annotated[Smoothed, TO_OUTPUTS],
+    out: Annotated[Path, option("OUT.mcap", alias="-o", group=OUTPUTS), MCAP],
+    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
     settings: Settings,
 ) -> int:
-    """Return the exit code of the summary."""
-    check_paths(
-        (*logs, *ensemble, settings.file),
-        (outputs.out, outputs.json_file),
-        outputs.overwrite,
-    )
+    """Return the exit code of the summary.
+
+    Args:
+        out: Result, for any MCAP viewer, plot, export and report.
+    """
+    answer.check((*logs, *ensemble, settings.file), out)
     config = settings.load()
 
     from replay_kit.show.summary import print_summary
@@ -271,12 +244,10 @@ def smooth(
     from replay_kit.workflows.smooth import smooth as smooth_logs
     from replay_kit.workflows.status import read_status
 
-    job = ReplayJob(logs, ensemble, outputs.out, overwrite=outputs.overwrite)
-    job = local_forecast(job, config)
-    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
-    with part_named(outputs.out), progress() as advance:
+    job = local_forecast(ReplayJob(logs, ensemble, out, overwrite=answer.overwrite), config)
+    check_outputs(job, also_read=[settings.file], also_written=[answer.json_file])
+    with part_named(out), progress() as advance:
         outcome = smooth_logs(job, config, advance)
-    console = console_beside(outputs.json_file)
-    print_summary(read_status(outputs.out)[0], outcome, console, verbose=outputs.verbose)
-    write_json(outputs.json_file, outcome.to_json())
+    print_summary(read_status(out)[0], outcome, answer.console(), verbose=answer.verbose)
+    answer.write(outcome.to_json())
     return outcome.exit_code

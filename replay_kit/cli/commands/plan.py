@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.console import console_beside, progress, write_json, write_text
+from replay_kit.cli.console import progress, write_text
 from replay_kit.cli.options import (
     CHOICES,
     FLAG,
@@ -58,24 +58,20 @@ class Outputs(Answer):
 
     def of(self, name: str) -> "Outputs":
         """Return the files of one of several gliders, its name inserted before the ending."""
-
-        def own(path: Path | None) -> Path | None:
-            return None if path is None else path.with_stem(f"{path.stem}-{name}")
-
-        files = {"out": own(self.out), "geojson": own(self.geojson), "csv": own(self.csv)}
-        return replace(self, **files, waypoints=own(self.waypoints))  # type: ignore[arg-type]
-
-
-@takes_settings(
-    "plan",
-    *(
-        f"planner.{key}"
-        for key in (
-            *("speed", "depth", "max_depth", "surface_time", "radius", "hotel", "thrust"),
-            *("margin", "clearance", "max_duration", "max_legs", "samples"),
+        names = "out", "geojson", "csv", "waypoints"
+        files = {key: path for key in names if (path := getattr(self, key)) is not None}
+        return replace(
+            self, **{key: path.with_stem(f"{path.stem}-{name}") for key, path in files.items()}
         )
-    ),
+
+
+_OF_PLANNER = (
+    "speed depth max_depth surface_time radius hotel thrust margin clearance max_duration max_legs "
+    "samples"
 )
+
+
+@takes_settings("plan", *(f"planner.{key}" for key in _OF_PLANNER.split()))
 def plan(
     *flows: Annotated[Path, argument("FLOW")],
     angles: Annotated[str | None, option("MIN,MAX", group=CHOICES), _ANGLES] = None,
@@ -136,13 +132,13 @@ def _plan(config: "RunConfig", outputs: Outputs, known: "Mapping[Path, FlowFile]
         unsafe_reason,
     )
 
-    console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
+    console = outputs.console(outputs.geojson, outputs.csv)
     unsafe = {
         name: why for name, one in made.planned.items() if (why := unsafe_reason(one)) is not None
     }
     withheld = {} if outputs.write_unsafe else unsafe
     try:
-        write_json(outputs.json_file, plans_json(made))
+        outputs.write(plans_json(made))
         for name, one in made.planned.items():
             own = outputs.of(name) if name else outputs
             if name in withheld:

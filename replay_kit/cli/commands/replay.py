@@ -1,13 +1,11 @@
 """``replay``: logs through the estimator to an estimate, its uncertainty and a plan."""
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from replay_kit.cli.commands.ensemble import local_forecast
-from replay_kit.cli.commands.following import Following
-from replay_kit.cli.console import console_beside, part_named, progress, write_json
+from replay_kit.cli.console import part_named, progress
 from replay_kit.cli.options import (
     FLAG,
     MCAP,
@@ -25,15 +23,14 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.config.option import PLACES
-from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
+from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError
 from replay_kit.core.files.paths import check_paths, truth_path
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from replay_kit.config.run import RunConfig
     from replay_kit.core.plan import Place
     from replay_kit.results.outcome.outcome import Outcome
+    from replay_kit.workflows.follow.watch import FollowOptions
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 
@@ -74,18 +71,34 @@ class Outputs(Answer):
     include_inputs: Annotated[bool, FLAG] = False
     report: Annotated[bool, FLAG] = False
 
-    @property
-    def page(self) -> Path | None:
-        """Page of the report; None without one."""
-        return self.out.with_suffix(".html") if self.report else None
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Following:
+    """Options for following growing logs.
+
+    Attributes:
+        follow: Replay new data as logs grow or folders fill, until Ctrl-C; see the README.
+        interval: Polling interval of --follow [s].
+        until_idle: Stop --follow after this long without new data [s]. Default: never.
+        goal_file: File with the goal LON,LAT,DEPTH; it may be edited during --follow.
+        notify: Shell command that receives each alarm of --follow as a JSON line on standard input.
+    """
+
+    follow: Annotated[bool, FLAG] = False
+    # a look reads the names in a folder
+    interval: Annotated[float, option(least=0.1, seconds=True)] = 60.0
+    until_idle: Annotated[float | None, option("SECONDS", least=0.0, seconds=True)] = None
+    goal_file: Annotated[Path | None, option("FILE")] = None
+    notify: Annotated[str | None, option("COMMAND")] = None
+
+
+# Settings of the plans that a replay makes on its way.
+_OF_PLANNER = "kind speed depth radius bathymetry clearance samples"
 
 
 @takes_settings(
     *("logs", "measurements", "forecast", "estimator", "time"),
-    *(
-        f"planner.{key}"
-        for key in ("kind", "speed", "depth", "radius", "bathymetry", "clearance", "samples")
-    ),
+    *(f"planner.{key}" for key in _OF_PLANNER.split()),
 )
 def replay(
     *logs: Log,
@@ -100,28 +113,32 @@ def replay(
     Args:
         dry_run: Only report which data would be used, and the expected memory and time.
     """
-    following.check(
-        {
-            "--dry-run": dry_run,
-            "--checkpoint": outputs.checkpoint,
-            "--truth": inputs.truth,
-            "--against": inputs.against,
-        }
+    out, follow, goal_file = outputs.out, following.follow, following.goal_file
+    wrong = (
+        ("--dry-run", dry_run or None),
+        ("--checkpoint", outputs.checkpoint),
+        ("--truth", inputs.truth),
+        ("--against", inputs.against or None),
     )
-    read, made = (
-        (
-            *logs,
-            *inputs.ensemble,
-            *inputs.against,
-            truth_path(inputs.truth),
-            settings.file,
-            following.goal_file,
-        ),
-        (outputs.out, outputs.netcdf, outputs.save_estimate),
+    need = (
+        ("--until-idle", following.until_idle),
+        ("--goal-file", goal_file),
+        ("--notify", following.notify),
     )
-    replaced = outputs.overwrite or following.goes_on(outputs.out)
-    status = following.page(outputs.out) if following.follow else None
-    check_paths(read, (*made, outputs.json_file, outputs.page, status), replaced)
+    if given := [name for name, value in (wrong if follow else need) if value is not None]:
+        what = "cannot be combined with --follow; omit one"
+        raise ConfigError(
+            f"{given[0]}: {what if follow else 'needs --follow; add it, or omit the option'}"
+        )
+    page = out.with_suffix(".html") if outputs.report else None
+    states, status = out.with_name(f"{out.name}.follow"), out.with_suffix(".status.html")
+    files = [*logs, *inputs.ensemble, *inputs.against, truth_path(inputs.truth), goal_file]
+    made = [out, outputs.netcdf, outputs.save_estimate, outputs.json_file, page]
+    # what is followed goes on
+    goes_on = follow and (states / "mission").is_file()
+    check_paths(
+        [*files, settings.file], [*made, status if follow else None], outputs.overwrite or goes_on
+    )
     config = settings.load()
 
     # what takes long to load, after what is quickly refused
@@ -131,106 +148,125 @@ def replay(
     from replay_kit.workflows.replay.replay import replay as replay_logs
 
     job = _job(logs, inputs, outputs)
-    console = console_beside(outputs.json_file)
-    if not following.follow:
-        also_read = [settings.file, config.planner.bathymetry_path]
-        check_outputs(job, also_read, also_written=[outputs.json_file])
+    if follow:
+        from replay_kit.workflows.follow.watch import FollowOptions
+
+        options = FollowOptions(
+            states,
+            status,
+            following.interval,
+            following.until_idle,
+            goal_file,
+            following.notify or "",
+            page,
+            job.tell,
+        )
+        return _follow(local_forecast(job, config), config, options, outputs)
+    check_outputs(job, [settings.file, config.planner.bathymetry_path], [outputs.json_file])
     job = local_forecast(job, config)
-    if following.follow:
-        return following.run(job, config, console, outputs.page, outputs.json_file)
     if dry_run:
-        return _dry_run(job, config, outputs, console)
+        from replay_kit.workflows.replay.inputs.checks import dry_run as expected
+        from replay_kit.workflows.replay.inputs.checks import dry_run_json
+
+        with progress() as advance:
+            advance(0, 0, "reading the forecast and the logs")
+            result = expected(job, config, planner_of)
+        outputs.console().print(f"{result}. Nothing was written.")
+        outputs.write(dry_run_json(result))
+        return 0
     try:
-        with part_named(outputs.out), progress() as advance:
+        with part_named(out), progress() as advance:
             advance(0, 0, "reading the forecast")
             outcome, _ = replay_logs(job, config, planner_of, advance)
     except (MeasurementError, ForecastError) as error:
-        write_json(outputs.json_file, error.answer or failed(error).to_json())
+        outputs.write(error.answer or failed(error).to_json())
         raise
-    _answer(outputs, outcome, console)
-    return outcome.exit_code
-
-
-def _named(inputs: Inputs) -> dict[str, tuple[Path, ...]]:
-    """Return the logs of ``--as`` by vehicle name."""
-    found: dict[str, tuple[Path, ...]] = {}
-    for text in inputs.vehicles:
-        name, equals, log = text.partition("=")
-        if not (name and equals and log):
-            raise ConfigError(f"--as: expected NAME=LOG, got '{text}'")
-        found[name] = (*found.get(name, ()), Path(log))
-    return found
-
-
-def _goals(inputs: Inputs, names: Collection[str]) -> "dict[str, Place]":
-    """Return the goals by vehicle name; that of all vehicles under an empty name."""
-    found: dict[str, Place] = {}
-    for text in inputs.goal:
-        name, _, numbers = text.rpartition("=")
-        if name in found or (name and name not in names):
-            what = (
-                f"--goal {name}: expected the name of a vehicle of --as, one of {', '.join(names) or 'none'}"
-                if name not in found
-                else f"--goal: expected one value, got {' and '.join(inputs.goal)}; give the option once"
-            )
-            raise ConfigError(what)
-        found[name] = place(numbers, "--goal")
-    return found
+    return _answer(outputs, outcome, page)
 
 
 def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob":
     from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 
-    named = _named(inputs)
-    goals = _goals(inputs, named)
+    named: dict[str, tuple[Path, ...]] = {}
+    for text in inputs.vehicles:
+        name, _, log = text.partition("=")
+        if not (name and log):
+            raise ConfigError(f"--as: expected NAME=LOG, got '{text}'")
+        named[name] = (*named.get(name, ()), Path(log))
+    # that of all vehicles under an empty name
+    goals: dict[str, Place] = {}
+    for text in inputs.goal:
+        name, _, numbers = text.rpartition("=")
+        if name in goals:
+            raise ConfigError(
+                f"--goal: expected one value, got {' and '.join(inputs.goal)}; give the option once"
+            )
+        if name and name not in named:
+            raise ConfigError(
+                f"--goal {name}: expected the name of a vehicle of --as, one of {', '.join(named) or 'none'}"
+            )
+        goals[name] = place(numbers, "--goal")
     given = [log for own in named.values() for log in own]
     if named and (unnamed := [str(log) for log in logs if log not in given]):
         raise ConfigError(
             f"{', '.join(unnamed)}: expected the logs of all vehicles after --as NAME=, as of {', '.join(named)}; name its vehicle"
         )
     return ReplayJob(
-        logs=logs,
-        ensemble=inputs.ensemble,
+        logs,
+        inputs.ensemble,
+        outputs.out,
+        goals.get(""),
+        outputs.netcdf,
+        outputs.save_estimate,
+        inputs.truth,
+        outputs.checkpoint,
+        outputs.overwrite,
+        outputs.include_inputs,
         against=inputs.against,
-        out=outputs.out,
-        goal=goals.get(""),
         vehicles=tuple(Vehicle(name, own, goals.get(name)) for name, own in named.items()),
-        netcdf=outputs.netcdf,
-        save_estimate=outputs.save_estimate,
-        truth=inputs.truth,
-        checkpoint=outputs.checkpoint,
-        overwrite=outputs.overwrite,
-        include_inputs=outputs.include_inputs,
-        tell=console_beside(outputs.json_file).print,
+        tell=outputs.console().print,
     )
 
 
-def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "Console") -> int:
-    """Report the data to be used; return the exit code."""
+def _follow(
+    job: "ReplayJob", config: "RunConfig", options: "FollowOptions", outputs: Outputs
+) -> int:
+    """Follow the logs of a job, and return the exit code of the last replay."""
+    if options.goal_file is not None and (job.vehicles or job.goal is not None):
+        raise ConfigError(
+            "--goal-file: needs a single vehicle; give each its goal with --goal NAME=LON,LAT,DEPTH"
+            if job.vehicles
+            else "--goal-file: cannot be combined with --goal; omit one"
+        )
+    from replay_kit.show.summary import print_summary
+    from replay_kit.workflows.follow.follow import follow
     from replay_kit.workflows.planning.adapters import planner_of
-    from replay_kit.workflows.replay.inputs.checks import dry_run, dry_run_json
+    from replay_kit.workflows.status import read_status
 
-    with progress() as advance:
-        advance(0, 0, "reading the forecast and the logs")
-        result = dry_run(job, config, planner_of)
-    console.print(f"{result}. Nothing was written.")
-    write_json(outputs.json_file, dry_run_json(result))
-    return 0
+    outcome = follow(job, config, planner_of, options)
+    if outcome is None:
+        raise LogError(
+            "no log that can be replayed has arrived; check the folder and the messages about its files"
+        )
+    print_summary(read_status(outputs.out)[0], outcome, outputs.console())
+    outputs.write(outcome.to_json())
+    return outcome.exit_code
 
 
-def _answer(outputs: Outputs, outcome: "Outcome", console: "Console") -> None:
-    """Print the summary, and write the report and the JSON if they are asked for."""
+def _answer(outputs: Outputs, outcome: "Outcome", page: Path | None) -> int:
+    """Print the summary, write the report and the JSON if they are asked for, and return the exit code."""
     from replay_kit.show.summary import print_summary
     from replay_kit.workflows.status import read_status
 
+    console = outputs.console()
     print_summary(read_status(outputs.out)[0], outcome, console, verbose=outputs.verbose)
-    written = [outputs.out, outputs.netcdf, outputs.save_estimate]
-    if outputs.page is not None:
+    if page is not None:
         from replay_kit.workflows.report import report
 
-        report(outputs.out, outputs.page, outputs.overwrite, outcome)
-        written.append(outputs.page)
+        report(outputs.out, page, outputs.overwrite, outcome)
+    written = outputs.out, outputs.netcdf, outputs.save_estimate, page
     wrote = f"Wrote      {', '.join(str(path) for path in written if path is not None)}"
     more = "" if outputs.verbose else " (-v: evidence, dives, notes)"
     console.print(wrote + more * (len(wrote + more) <= 80))
-    write_json(outputs.json_file, outcome.to_json())
+    outputs.write(outcome.to_json())
+    return outcome.exit_code

@@ -1,12 +1,11 @@
 """``report``, ``status``, ``plot``, ``export`` and ``layout``: results as page, screen, figures, tables and viewer layout."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from replay_kit.cli import console
-from replay_kit.cli.console import console_beside, write_json
+from replay_kit.cli.console import console_beside
 from replay_kit.cli.options import (
     HTML,
     OUTPUTS,
@@ -17,10 +16,10 @@ from replay_kit.cli.options import (
     Replacing,
     argument,
     option,
+    place,
 )
-from replay_kit.config.option import PLACE, numbers
+from replay_kit.config.option import PLACE
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.files.paths import check_paths
 from replay_kit.core.words.quantities import parse_time
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ def status(
     """
     if len(results) > 1 and html is not None:
         raise ConfigError("--html: expected one result, got several; write a page for each")
-    check_paths(results, [html, answer.json_file], answer.overwrite or html is not None)
+    replace(answer, overwrite=answer.overwrite or html is not None).check(results, html)
     moment = _moment(now)
 
     from replay_kit.workflows.status import read_status, write_pages
@@ -89,14 +88,14 @@ def status(
     from replay_kit.show.summary import print_summary
     from replay_kit.show.text import print_lines
 
-    beside = console_beside(answer.json_file)
+    beside = answer.console()
     for found, outcome, sound in each:
         print_lines(beside, sound.lines)
-        print_summary(found, outcome, beside, verbose=console.current().verbose, titled=True)
+        print_summary(found, outcome, beside, verbose=answer.verbose, titled=True)
     if html is not None:
         write_pages(*each[0][:2], html)
     figures = [_figures(found, sound) for found, _, sound in each]
-    write_json(answer.json_file, {"results": figures} if len(results) > 1 else figures[0])
+    answer.write({"results": figures} if len(results) > 1 else figures[0])
     return max(sound.exit_code for *_, sound in each)
 
 
@@ -175,9 +174,8 @@ def plot(
         figure: Kind of figure.
         out: Figure; its ending selects the format.
     """
-    check_paths([result], [out], replacing.overwrite)
-    longitude, latitude, depth = numbers(look.at or "0,0,0", "--at", PLACE.form)
-    at = None if look.at is None else (longitude, latitude, depth)
+    replacing.check([result], out)
+    at = None if look.at is None else astuple(place(look.at, "--at"))
     time_ns = None if look.time is None else _time_of(look.time, "--time")
 
     from replay_kit.core.files.atomic import write_whole
@@ -224,15 +222,15 @@ def export(
         at: Place of a series of the current [degrees, degrees, m]; may be repeated.
         table: Table, or estimate, to export. Default: all tables; in CSV the series with --at, else the track.
     """
-    check_paths([result], [out], replacing.overwrite)
-    places = [numbers(text, "--at", PLACE.form) for text in at or ()]
+    replacing.check([result], out)
+    places = [astuple(place(text, "--at")) for text in at or ()]
 
     from replay_kit.show.export import export as write
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
         of = contents if vehicle is None else contents.of(vehicle)
-        rows = write(of, out, [(x, y, z) for x, y, z in places], table)
+        rows = write(of, out, places, table)
     counted = ", ".join(f"{name} {count} rows" for name, count in rows.items())
     return _told(contents, f"{out}: {counted}")
 
@@ -249,7 +247,7 @@ def layout(
     Args:
         out: Layout file to import into the viewer.
     """
-    check_paths([result], [out], replacing.overwrite)
+    replacing.check([result], out)
 
     from replay_kit.results.layout import write_layout
 

@@ -1,41 +1,43 @@
-"""Tables of the paper's study on any ensemble."""
+"""Tables of the paper's study on any ensemble: rows over truths from the runs of methods, and glides planned on the estimates."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from math import inf
+from statistics import fmean
+from typing import TypeVar
+
+import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.words.progress import Progress, silent
+from replay_kit.core.words.progress import counted, each_call
 from replay_kit.estimator import embed_member
-from replay_kit.studies.paper.methods import Advance, average_over_depth, each_counted
-from replay_kit.studies.paper.rows import (
-    AVERAGED,
-    TRUTH,
-    ErrorRow,
-    GlideRow,
-    SparseRow,
-    over_truths,
-    sparse_over_truths,
-)
-from replay_kit.studies.paper.tables import (
-    Survey,
-    run_glides,
-    run_table,
-    rungs,
-    sparse_rows,
-)
-from replay_kit.studies.twins.adcp import (
+from replay_kit.studies.paper.cases import (
     IDEAL_ERROR_STD,
+    Case,
+    draw_pairs,
     grid_observations,
+    leave_out,
+    members_left_out,
+    most_distant,
     random_observations,
 )
+from replay_kit.studies.paper.methods import (
+    GlideRow,
+    Run,
+    Survey,
+    average_over_depth,
+    glides_on,
+    run,
+    rungs,
+)
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.truths import Case, Pair, cases, draw_pairs, most_distant
 
 NOISE = 0.09  # m/s
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,60 @@ class PaperJob:
     pings: tuple[int, ...] = (5, 10, 25, 50, 150, 450)
     pairs: int = 100
     seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorRow:
+    """One estimator in Table I or II; over several truths the median and the worst.
+
+    Attributes:
+        method: ``naive3d``, ``paper``, ``paper_cells``, ``default``, ``nearest`` or ``ensemble_mean``.
+        rung: Number of modes: ``full``, ``members`` or a number; empty without a choice.
+        modes: Number r of basis flows per level, or of whole basis flows of ``naive3d``; None without a basis.
+        elements: Number of elements of the basis, the paper's "elements in H"; None without a basis.
+        rel_error: RMSE over the truth's RMS speed.
+        rmse: RMS length of the error vector over the truth's wet grid points [m/s].
+        bound: Least RMSE of any flow in the method's span [m/s].
+        rel_error_worst: Relative error of the worst truth.
+        rmse_worst: RMSE of the worst truth [m/s].
+        rel_error_by_truth: Relative error of each truth.
+        seconds: Wall time to build the estimator and assimilate all profiles [s], mean over truths.
+        note: Reason for missing figures.
+    """
+
+    method: str
+    rung: str
+    modes: int | None
+    elements: int | None
+    rel_error: float
+    rmse: float
+    bound: float
+    rel_error_worst: float
+    rmse_worst: float
+    rel_error_by_truth: tuple[float, ...]
+    seconds: float
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class SparseRow:
+    """Estimate after some profiles of Table II; over several truths the median and the worst.
+
+    Attributes:
+        pings: Number of profiles so far.
+        method: As in ``ErrorRow``.
+        modes: Basis flows per level; None without a basis.
+        rel_error: RMSE over the truth's RMS speed.
+        rel_error_worst: Relative error of the worst truth.
+        rel_error_by_truth: Relative error of each truth.
+    """
+
+    pings: int
+    method: str
+    modes: int | None
+    rel_error: float
+    rel_error_worst: float
+    rel_error_by_truth: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,22 +158,11 @@ class PaperTables:
     unfinished: bool = True
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _OfCase:
-    """Tables I and II of one truth, and the estimates for plans."""
-
-    table1: tuple[ErrorRow, ...]
-    table2: tuple[ErrorRow, ...]
-    sparse: tuple[SparseRow, ...]
-    planned: Mapping[str, FlowEstimate | None]
-
-
 def run_paper(
     ensemble: Ensemble,
     truth: Ensemble | None,
     config: EstimatorConfig,
     job: PaperJob,
-    progress: Progress = silent,
 ) -> Iterator[PaperTables]:
     """Yield the study's tables: partial ones after each truth's Tables I and II, then the complete ones.
 
@@ -126,7 +171,6 @@ def run_paper(
         truth: Ensemble of one; None to leave members out.
         config: Settings except preset, modes, length and the paper's error.
         job: Options.
-        progress: Called with steps done, total steps, and the current task.
 
     Raises:
         ConfigError: A member does not exist.
@@ -134,83 +178,147 @@ def run_paper(
         MeasurementError: No point of the truth lies in the region.
     """
     began = time.perf_counter()
-    each = list(cases(ensemble, truth, job.leave_out))
-    case = each[most_distant(ensemble) if job.leave_out == "all" else 0]
+    members = members_left_out(ensemble, job.leave_out) if job.leave_out is not None else [0]
+    # the truth of Table III: one that has most to show
+    shown = most_distant(ensemble) if job.leave_out == "all" else members[0]
+
+    def case_of(member: int) -> Case:
+        return Case(truth, ensemble) if truth is not None else leave_out(ensemble, member)
+
+    case, grid = case_of(shown), ensemble.grid
     truth_flow = embed_member(case.truth, 0, config)
     # before the hours of work, because this fails where the region is too small
-    pairs = draw_pairs(build_field(case.truth), truth_flow, case.ensemble.grid, job.pairs, job.seed)
-    advance = Advance(_total(each, job), progress)
-    tables, done = _without_tables(case, pairs, job), list[_OfCase]()
-    planned: Mapping[str, FlowEstimate | None] = {}
-    calls = ((one, config, job, advance) for one in each)
-    for (one, *_), of_case in each_counted(_run_case, calls, advance, _steps):
-        if one is case:
-            planned = of_case.planned
-        # only the shown truth's estimates are needed later
-        done.append(replace(of_case, planned={}))
-        tables = replace(
-            tables,
-            table1=over_truths([of.table1 for of in done]),
-            table2=over_truths([of.table2 for of in done]),
-            sparse=sparse_over_truths([of.sparse for of in done]),
-            truths=len(done),
-            seconds={"tables": time.perf_counter() - began},
-        )
-        yield tables
-    measured = time.perf_counter()
-    averaged = average_over_depth(truth_flow, pairs[0].target.depth)
-    flows = {TRUTH: truth_flow, AVERAGED: averaged, **planned}
-    table3 = run_glides(flows, truth_flow, pairs, advance)
-    seconds = {**tables.seconds, "glides": time.perf_counter() - measured}
-    yield replace(tables, table3=table3, seconds=seconds, unfinished=False)
-
-
-def _total(each: list[Case], job: PaperJob) -> int:
-    steps = sum(_steps(case, None, job) for case in each)
-    methods = {rung.method for rung in rungs(each[0].ensemble, job.most_modes)}
-    # beside the methods: the truth and its depth average
-    return steps + (len(methods) + 2) * job.pairs
-
-
-def _steps(case: Case, _: object, job: PaperJob, *__: object) -> int:
-    return len(rungs(case.ensemble, job.most_modes)) * (
-        int(case.truth.grid.wet[0].sum()) + job.pings[-1]
-    )
-
-
-def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advance) -> _OfCase:
-    ideal = Survey("Table I", grid_observations(case.truth), IDEAL_ERROR_STD)
-    noisy = Survey(
-        "Table II",
-        random_observations(build_field(case.truth), job.pings[-1], NOISE, job.seed),
-        config.paper_error_std,
-        job.pings,
-    )
-    table1 = tuple(run.row for run in run_table(case, ideal, config, job.most_modes, advance))
-    rows, planned = [], {}
-    for run in run_table(case, noisy, config, job.most_modes, advance):
-        rows.append(run.row)
-        # the limit is on modes a level; those of the naive basis are whole flows
-        few_enough = not run.row.rung or (run.row.modes or 0) <= (job.plan_modes or inf)
-        if run.row.method not in planned and few_enough:
-            planned[run.row.method] = run
-    sparse = sparse_rows(list(planned.values()), noisy)
-    flows = {name: run.flow for name, run in planned.items()}
-    return _OfCase(table1, tuple(rows), sparse, flows)
-
-
-def _without_tables(case: Case, pairs: Sequence[Pair], job: PaperJob) -> PaperTables:
-    """Return the study's tables before any is computed."""
-    grid = case.ensemble.grid
-    return PaperTables(
-        ensemble=case.ensemble.source,
+    pairs = draw_pairs(build_field(case.truth), truth_flow, grid, job.pairs, job.seed)
+    tables = PaperTables(
+        ensemble=ensemble.source,
         truth="all" if job.leave_out == "all" else case.truth.source,
         shown_truth=case.truth.source,
         members=case.ensemble.n_members,
         grid=(grid.east.shape[0], grid.east.shape[1]),
-        levels=tuple(float(level) for level in grid.levels),
+        levels=tuple(grid.levels.tolist()),
         plan_modes=job.plan_modes,
         seed=job.seed,
         noise=NOISE,
-        target_depth=pairs[0].target.depth,
+        target_depth=pairs[0][1].depth,
     )
+    rows = rungs(case.ensemble, job.most_modes)
+
+    def calls() -> Iterator[tuple[object, ...]]:
+        for member in members:
+            of = case_of(member)
+            for survey in _surveys(of.truth, config, job):
+                keep = member == shown and survey.counts == job.pings
+                yield from ((of, survey, row, config, keep) for row in rows)
+
+    step = counted("tables", 2 * len(members) * len(rows))
+    runs = each_call(run, calls())
+    flows: dict[str, FlowEstimate | None] = {"truth": truth_flow}
+    flows["depth_averaged_truth"] = average_over_depth(truth_flow, tables.target_depth)
+    ideal, noisy, planned = list[Run](), list[Run](), list[Run]()
+    for number, member in enumerate(members, start=1):
+        first, second = (_of_ranks(islice(runs, len(rows)), step) for _ in "12")
+        few = _planned_on(second, job.plan_modes)
+        if member == shown:
+            flows |= {one.rung.method: one.flow for one in few}
+        ideal += first
+        noisy += [replace(one, flow=None) for one in second]
+        planned += [replace(one, flow=None) for one in few]
+        tables = replace(
+            tables,
+            table1=error_rows(ideal),
+            table2=error_rows(noisy),
+            sparse=_sparse_rows(planned, job.pings),
+            truths=number,
+            seconds={"tables": time.perf_counter() - began},
+        )
+        yield tables
+    measured = time.perf_counter()
+    step, table3 = counted("plans and flights", len(flows)), list[GlideRow]()
+    asked = ((name, flow, truth_flow, pairs) for name, flow in flows.items())
+    for row in each_call(glides_on, asked):
+        table3.append(row)
+        step()
+    seconds = {**tables.seconds, "glides": time.perf_counter() - measured}
+    yield replace(tables, table3=tuple(table3), seconds=seconds, unfinished=False)
+
+
+def _surveys(truth: Ensemble, config: EstimatorConfig, job: PaperJob) -> tuple[Survey, Survey]:
+    """Return the profiles of Tables I and II."""
+    ideal = grid_observations(truth)
+    noisy = random_observations(build_field(truth), job.pings[-1], NOISE, job.seed)
+    return (
+        Survey(ideal, IDEAL_ERROR_STD, (len(ideal),)),
+        Survey(noisy, config.paper_error_std, job.pings),
+    )
+
+
+def _of_ranks(runs: Iterable[Run], step: Callable[[], None]) -> list[Run]:
+    """Return the runs of a table without those that repeat a method's full rank; report a step after each."""
+    kept, ranks = list[Run](), dict[str, int]()
+    for one in runs:
+        if one.rung.modes is None or one.rung.modes < ranks.get(one.rung.method, inf):
+            kept.append(one)
+        if one.modes is not None:
+            ranks.setdefault(one.rung.method, one.modes)
+        step()
+    return kept
+
+
+def _planned_on(runs: Iterable[Run], most: int | None) -> list[Run]:
+    """Return each method's first run with few enough modes a level; the naive basis has whole flows."""
+    few = (one for one in runs if not one.rung.name or (one.modes or 0) <= (most or inf))
+    return [alike[0] for alike in grouped(few, lambda one: one.rung.method)]
+
+
+def error_rows(runs: Iterable[Run]) -> tuple[ErrorRow, ...]:
+    """Return the rows of a table; failed truths are excluded from the figures and counted in the note."""
+    rows = []
+    for alike in grouped(runs, lambda one: one.rung[:2]):
+        failed = [one.note for one in alike if one.note]
+        measured = [one for one in alike if not one.note] or alike
+        of_several = f"{len(failed)} of {len(alike)} truths: " if len(alike) > 1 else ""
+        relative = [one.relative[-1] for one in measured]
+        rmse = [one.errors[-1] for one in measured]
+        rows.append(
+            ErrorRow(
+                alike[0].rung.method,
+                alike[0].rung.name,
+                max((one.modes for one in alike if one.modes is not None), default=None),
+                max((one.elements for one in alike if one.elements is not None), default=None),
+                _median(relative),
+                _median(rmse),
+                _median([one.bound for one in measured]),
+                max(relative),
+                max(rmse),
+                tuple(one.relative[-1] for one in alike),
+                fmean(one.seconds for one in alike),
+                of_several + failed[0] if failed else "",
+            )
+        )
+    return tuple(rows)
+
+
+def _sparse_rows(runs: Iterable[Run], counts: Sequence[int]) -> tuple[SparseRow, ...]:
+    """Return the errors after some profiles of the 2.5D methods and of the ensemble mean."""
+    shown = [one for one in runs if one.rung.method not in ("naive3d", "nearest")]
+    found = []
+    for k, count in enumerate(counts):
+        for alike in grouped(shown, lambda one: one.rung.method):
+            relative = tuple(one.relative[k] for one in alike)
+            method, modes = alike[0].rung.method, alike[0].modes
+            found.append(
+                SparseRow(count, method, modes, _median(relative), max(relative), relative)
+            )
+    return tuple(found)
+
+
+def _median(values: Sequence[float]) -> float:
+    return float(np.median(values))
+
+
+def grouped(items: Iterable[Item], key: Callable[[Item], Hashable]) -> list[list[Item]]:
+    """Return items grouped by key, in order of first occurrence."""
+    groups: dict[Hashable, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return list(groups.values())

@@ -1,24 +1,32 @@
-"""Log of a twin experiment from a vehicle and its instrument."""
+"""Log of a twin experiment: a vehicle's mission as messages, with the pings of a down-looking ADCP."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
+import gsw
 import numpy as np
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.files.paths import check_paths
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.message import Message
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins.adcp import measured_on
+from replay_kit.logs.payloads import DIVE_MEAN, FIX, PING, location_fix, numbers, stamp
 from replay_kit.studies.twins.field import Field, build_field
-from replay_kit.studies.twins.glider import PING_STEPS, STEP_S, Schedule
-from replay_kit.studies.twins.glider import mission as glider_mission
-from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission, survey
+from replay_kit.studies.twins.mission import Mission, dives, survey
 
 Vehicle = Literal["vessel", "glider"]
-_USUAL_S = float(STEP_S * PING_STEPS)
+#: Number of bins, their size and the distance from the transducer to the centre of the first [m].
+_CELLS: dict[str, Any] = {"n_cells": 22, "cell_size": 32.0, "bin0_distance": 16.0}
+#: Depths of the bins below the transducer [m].
+BELOW: Array = _CELLS["bin0_distance"] + _CELLS["cell_size"] * np.arange(
+    _CELLS["n_cells"], dtype=np.float64
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,44 +37,29 @@ class Twin:
         vehicle: ``vessel``, a survey of random positions, or ``glider``, a sawtooth along a course.
         pings: Number of pings.
         noise: Standard deviation of each velocity component [m/s].
-        seed: Seed of positions and noise, independent of the following settings.
-        interval_s: Ping interval of a glider [s]; a multiple of its step of 120 s.
+        seed: Seed of positions and noise.
     """
 
     vehicle: Vehicle
     pings: int
     noise: float
     seed: int
-    interval_s: float = _USUAL_S
 
     def check(self) -> None:
-        """Raise ConfigError if a value cannot be simulated or does not fit the vehicle."""
-        if self.vehicle not in get_args(Vehicle):
+        """Raise ConfigError if a value cannot be simulated."""
+        sound = np.isfinite(self.noise) and min(self.noise, self.seed, self.pings - 1) >= 0
+        if self.vehicle not in get_args(Vehicle) or not sound:
+            got = f"{self.vehicle}, {self.pings}, {self.noise:g} and {self.seed}"
             raise ConfigError(
-                f"vehicle: expected {' or '.join(get_args(Vehicle))}, got '{self.vehicle}'"
-            )
-        if self.pings < 1 or not (np.isfinite(self.noise) and self.noise >= 0.0) or self.seed < 0:
-            raise ConfigError(
-                f"twin: expected pings >= 1, noise >= 0 and seed >= 0, got pings {self.pings}, noise {self.noise}, seed {self.seed}"
-            )
-        steps = self.interval_s / STEP_S
-        if not (steps >= 1.0 and steps.is_integer()):
-            raise ConfigError(
-                f"twin: expected an interval of {STEP_S} s times a whole number, got {self.interval_s:g}"
-            )
-        if self.vehicle != "glider" and self.interval_s != _USUAL_S:
-            raise ConfigError(
-                f"twin: an interval between pings is a glider's, got vehicle '{self.vehicle}'"
+                f"twin: expected vehicle {' or '.join(get_args(Vehicle))}, pings >= 1, noise >= 0 and seed >= 0, got {got}"
             )
 
 
-def make_twin(
-    truth: Ensemble | Sequence[Ensemble], twin: Twin, out: Path, overwrite: bool = False
-) -> Mission:
+def make_twin(truth: Ensemble, twin: Twin, out: Path, overwrite: bool = False) -> Mission:
     """Write the log of a simulated vehicle in a truth, and return the mission; equal arguments give equal bytes.
 
     Args:
-        truth: Ensemble of one, or several at increasing times with linear changes between them.
+        truth: Ensemble of one.
         twin: Vehicle, survey, and errors of the instrument.
         out: Log, ``.mcap``.
         overwrite: Whether an existing log is replaced.
@@ -80,16 +73,104 @@ def make_twin(
     check_paths([], [out], overwrite)
     twin.check()
     rng = np.random.default_rng(twin.seed)
-    truths = (truth,) if isinstance(truth, Ensemble) else tuple(truth)
-    field = build_field(*truths)
-    mission = _fly(field, twin, EPOCH_NS if truths[0].time_ns is None else truths[0].time_ns, rng)
-    write_mcap_log(out, measured_on(mission, field, twin.noise, rng).messages())
+    field = build_field(truth)
+    mission = (survey if twin.vehicle == "vessel" else dives)(field, twin.pings, rng)
+    velocity = measure(field, mission.place[mission.pinged], twin.noise, rng)
+    write_mcap_log(out, messages(mission, velocity, twin.noise))
     return mission
 
 
-def _fly(field: Field, twin: Twin, start_ns: int, rng: np.random.Generator) -> Mission:
-    if twin.vehicle == "vessel":
-        return survey(field, twin.pings, start_ns, rng)
-    # the samples' logs end with the last ping
-    schedule = Schedule(int(twin.interval_s) // STEP_S, to_the_end=twin.interval_s != _USUAL_S)
-    return glider_mission(field, twin.pings, start_ns, rng, schedule=schedule)
+def measure(field: Field, place: Array, noise: float, rng: np.random.Generator) -> Array:
+    """Return the measured velocity of each bin of each ping, shape (n, 22, 2) [m/s], true east and north.
+
+    NaN below the truth's last level, on land and outside its grid.
+
+    Args:
+        field: Truth.
+        place: shape (n, 3) [m], transducer in the local frame: east, north, depth.
+        noise: Standard deviation of each component of each bin [m/s].
+        rng: Generator of the noise; dry bins draw too, so that noise does not depend on other bins' water.
+    """
+    east, north, depth = place.T[..., None]
+    velocity = field.velocity(east, north, depth + BELOW)
+    where = to_geographic(field.grid.projection, east, north)
+    true = rotate_to_geographic(field.grid.projection, *where, *np.moveaxis(velocity, -1, 0))
+    return np.stack(true, axis=-1) + noise * rng.standard_normal(velocity.shape)
+
+
+def messages(mission: Mission, velocity: Array, noise: float) -> Iterator[Message]:
+    """Yield a log's messages in order of time: at equal times position, mean current of a dive, ping.
+
+    Args:
+        mission: Mission of the vehicle.
+        velocity: shape (pings, 22, 2) [m/s], as measured, true east and north; NaN where bad.
+        noise: Standard deviation of each component [m/s], which the pings state.
+    """
+    dive_ending = {end: number for number, end in enumerate(mission.dives[:, 1].tolist())}
+    ordinal, pings = 0, enumerate(velocity)
+    for row, time_ns in enumerate(mission.time_ns.tolist()):
+        reckoned, (lon, lat, depth) = bool(mission.dead_reckoned[row]), mission.logged[row]
+        fix = location_fix(time_ns, lon, lat, depth, reckoned, math.nan)
+        found = [("/vehicle/position" if reckoned else "/vehicle/fix", FIX, fix)]
+        if row in dive_ending:
+            found.append(("/dac", DIVE_MEAN, _depth_averaged_current(mission, dive_ending[row])))
+        if mission.pinged[row]:
+            found.append(("/adcp", PING, _adcp_ping(mission, row, *next(pings), noise)))
+        for topic, schema, payload in found:
+            yield Message(time_ns, topic, schema, payload, 0, ordinal)
+            ordinal += 1
+
+
+def _depth_averaged_current(mission: Mission, dive: int) -> dict[str, Any]:
+    rows = mission.dives[dive]
+    start, end = (
+        {"time": stamp(int(mission.time_ns[row])), "lon": float(lon), "lat": float(lat)}
+        for row, (lon, lat, _) in zip(rows, mission.logged[rows], strict=True)
+    )
+    east, north = mission.current[dive].round(6).tolist()
+    return {
+        "stamp": end["time"],
+        "dive": dive + 1,
+        "dac_eastward": east,
+        "dac_northward": north,
+        "error": None,
+        "start_fix": start,
+        "end_fix": end,
+        "duration": float(np.ptp(mission.time_ns[rows])) / 1e9,
+        "dac_kind": "dead_reckoning",
+    }
+
+
+def _adcp_ping(
+    mission: Mission, row: int, ordinal: int, velocity: Array, noise: float
+) -> dict[str, Any]:
+    depth, latitude = float(mission.place[row, 2]), mission.logged[row, 1]
+    # a tenth of the millimetre per second that instruments resolve, so that the numbers stay short
+    cells = np.column_stack([velocity.round(4), np.full(len(velocity), np.nan)])
+    return {
+        "stamp": stamp(int(mission.time_ns[row])),
+        "frame_id": "adcp",
+        "ping": ordinal,
+        "coordinate_system": "earth",
+        "reference": "earth",
+        "orientation": "down",
+        "bin_mapped": True,
+        **_CELLS,
+        "transducer_depth": 0.0,
+        "beam_unit_vectors": None,
+        "velocity": numbers(cells),
+        # a noise-free instrument states no error: zero would be a weight without bound
+        "velocity_std": noise or None,
+        "amplitude": None,
+        "correlation": None,
+        "percent_good": None,
+        "sound_speed": 1500.0,
+        "temperature": None,
+        "pressure": round(float(gsw.p_from_z(-depth, latitude)), 3) if depth > 0.0 else 0.0,
+        "heading": round(float(mission.heading_deg[row]), 2),
+        "pitch": float(mission.pitch_deg[row]),
+        "roll": 0.0,
+        "magnetic_declination": None,
+        "declination_applied": True,
+        "bottom_track": None,
+    }

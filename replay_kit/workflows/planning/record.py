@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 
 from planners.output import as_plan, legs_table
 from replay_kit.config.plan import PlanRequest
-from replay_kit.config.removed import SETTINGS, refuse_value
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError, PlanError
 from replay_kit.results.differences import Recorded
@@ -118,9 +117,8 @@ def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> Pl
     """
     try:
         asked = TypeAdapter(dict[str, Any]).validate_json(record["request"])
-        refuse_value("--objective", str(asked.get("objective")))
-        # what made no difference to the plan that the result holds
-        kept = {name: value for name, value in asked.items() if name not in SETTINGS["plan"]}
+        # an earlier version's further settings made no difference to the plan that the result holds
+        kept = {name: value for name, value in asked.items() if name in PlanRequest.model_fields}
         # files are inputs alone: a record of somebody else names no file to read
         flows = sum(name.removeprefix("flow").isdecimal() for name in found)
         kept |= {name: found.get(name) for name in _FILES}

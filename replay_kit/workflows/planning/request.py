@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.removed import refuse_value
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.extensions import objective_names
 from replay_kit.core.files.inputs import open_input
@@ -185,7 +184,6 @@ def objective_of(text: str) -> str | Weights:
     """
     if text in objective_names():
         return text
-    refuse_value("--objective", text)
     try:
         pairs = [part.partition("=") for part in text.split(",")]
         weights = {name: float(value) for name, _, value in pairs}

@@ -56,7 +56,7 @@ def month(folder: Path) -> Path:
     log, out = folder / "twin.mcap", folder / "month.mcap"
     make_twin(
         read_truth(str(SAMPLES / "truth.nc"), ForecastConfig()),
-        Twin("glider", 4320, 0.05, 3, interval_s=600.0),
+        Twin("glider", 4320, 0.05, 3),
         log,
     )
     settings = {"estimator": {"modes": 10}, "forecast": {"levels": [5, 150, 500]}}

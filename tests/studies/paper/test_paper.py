@@ -13,28 +13,30 @@ import planners
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.words.progress import shown_by
 from replay_kit.estimator import embed_member
-from replay_kit.show.text import SafeConsole
-from replay_kit.studies.paper.methods import bound, build_method
-from replay_kit.studies.paper.page import FILES, files_of, text_tables, to_json, to_markdown
-from replay_kit.studies.paper.rows import (
-    ErrorRow,
-    GlideRow,
-    SparseRow,
-    over_truths,
-    print_tables,
-    rows_to_csv,
-)
-from replay_kit.studies.paper.run import PaperJob, run_paper
-from replay_kit.studies.paper.tables import Survey, run_table, rungs
-from replay_kit.studies.twins import truths
-from replay_kit.studies.twins.adcp import (
+from replay_kit.studies.paper import cases
+from replay_kit.studies.paper.cases import (
     IDEAL_ERROR_STD,
+    Case,
+    draw_pairs,
     grid_observations,
+    leave_out,
     random_observations,
 )
+from replay_kit.studies.paper.methods import (
+    GlideRow,
+    Run,
+    Rung,
+    Survey,
+    build_method,
+    rungs,
+    span_of,
+)
+from replay_kit.studies.paper.methods import run as run_row
+from replay_kit.studies.paper.page import FILES, files_of, text_tables, to_json, to_markdown
+from replay_kit.studies.paper.run import ErrorRow, PaperJob, SparseRow, error_rows, run_paper
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.truths import Case, draw_pairs, leave_out
 from replay_kit.workflows.replay.conclude import scored_points
 from tests import synthetic
 from tests.command import invoke
@@ -54,9 +56,11 @@ def final(truth, job):
 @pytest.fixture(scope="module")
 def study():
     seen = []
-    *_, tables = run_paper(MEMBERS, None, CONFIG, JOB, lambda *step: seen.append(step[:2]))
-    assert seen == sorted(seen)
-    assert seen[-1][0] == seen[-1][1]
+    with shown_by(lambda *step: seen.append(step)):
+        *_, tables = run_paper(MEMBERS, None, CONFIG, JOB)
+    for stage in ("tables", "plans and flights"):
+        done = [step[:2] for step in seen if step[2] == stage]
+        assert done == [(k, len(done)) for k in range(1, len(done) + 1)]
     return tables
 
 
@@ -79,12 +83,14 @@ def combination() -> Case:
     """A truth that is a linear combination of the members, slice by slice."""
     weights = np.array([0.5, -0.3, 0.2, 0.4, 0.1, 0.1])
     velocity = np.einsum("e,ecz...->cz...", weights, MEMBERS.velocity)[None]
-    return Case(None, Ensemble(MEMBERS.grid, velocity, None, "combination"), MEMBERS)
+    return Case(Ensemble(MEMBERS.grid, velocity, None, "combination"), MEMBERS)
 
 
 def table_of(case, config=CONFIG, most_modes=None):
-    survey = Survey("Table I", grid_observations(case.truth), IDEAL_ERROR_STD)
-    return [run.row for run in run_table(case, survey, config, most_modes, lambda what, n: None)]
+    profiles = grid_observations(case.truth)
+    survey = Survey(profiles, IDEAL_ERROR_STD, (len(profiles),))
+    asked = rungs(case.ensemble, most_modes)
+    return error_rows([run_row(case, survey, rung, config, keep=False) for rung in asked])
 
 
 def with_land(ensemble):
@@ -123,7 +129,7 @@ def test_the_bound_counts_what_the_basis_keeps_whole():
     mean = Ensemble(MEMBERS.grid, MEMBERS.velocity.mean(axis=0, keepdims=True), None, "mean")
     at = scored_points(MEMBERS.grid, mean)
     least = {
-        preset: bound(build_method(preset, MEMBERS, EstimatorConfig(modes=1)), at)
+        preset: span_of(build_method(preset, MEMBERS, EstimatorConfig(modes=1)), at)[2]
         for preset in ("default", "paper")
     }
     assert least["default"] < 1e-3 < 0.02 < least["paper"]
@@ -164,7 +170,7 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
             raise np.linalg.LinAlgError("Singular matrix")
         return build_method(name, ensemble, config)
 
-    monkeypatch.setattr("replay_kit.studies.paper.tables.build_method", build)
+    monkeypatch.setattr("replay_kit.studies.paper.methods.build_method", build)
     tables = final(with_land(MEMBERS), replace(JOB, pairs=1))
     (row,) = (row for row in tables.table3 if row.flow == "paper")
     assert (row.pairs, "no estimate" in row.note) == (0, True)
@@ -215,10 +221,10 @@ def test_pairs_stay_in_the_water_of_both_grids(monkeypatch):
     assert pairs == draw_pairs(field, flow, MEMBERS.grid, 3, 7)
     assert pairs != draw_pairs(field, flow, MEMBERS.grid, 3, 8)
     pinged = {round(ping.longitude, 6) for ping in random_observations(field, 3, 0.0, 7)}
-    assert not pinged & {round(pair.start.longitude, 6) for pair in pairs}
+    assert not pinged & {round(start.longitude, 6) for start, _ in pairs}
     # the deepest level is shallower than the paper's targets
-    assert all((pair.start.depth, pair.target.depth) == (0.0, 300.0) for pair in pairs)
-    monkeypatch.setattr(truths, "_MAX_DRAWS", 1)
+    assert all((start.depth, target.depth) == (0.0, 300.0) for start, target in pairs)
+    monkeypatch.setattr(cases, "_MAX_DRAWS", 1)
     dry = replace(MEMBERS.grid, wet=np.zeros_like(MEMBERS.grid.wet))
     with pytest.raises(ForecastError, match="larger region"):
         draw_pairs(field, flow, dry, 1, 7)
@@ -227,15 +233,16 @@ def test_pairs_stay_in_the_water_of_both_grids(monkeypatch):
 
 
 def test_over_truths_the_median_and_the_worst():
-    def row(error, note=""):
-        figures = 0.1 * error, 0.01, error, 0.1 * error, (error,)
-        return ErrorRow("paper", "full", 9, 90, error, *figures, 1.0, note)
+    def run(error, note=""):
+        rung = Rung("paper", "full", None)
+        return Run(rung, 0.1, 9, 90, 0.01, (0.1 * error,), 1.0, None, note)
 
-    (both,) = over_truths([[row(0.2)], [row(0.2)], [row(0.6)]])
-    assert (both.rel_error, both.rel_error_worst) == (0.2, 0.6)
-    assert (both.rmse_worst, both.rel_error_by_truth) == (pytest.approx(0.06), (0.2, 0.2, 0.6))
-    (some,) = over_truths([[row(0.2)], [row(math.nan, "singular")]])
-    assert (some.rel_error, some.note) == (0.2, "1 of 2 truths: singular")
+    (both,) = error_rows([run(0.2), run(0.2), run(0.6)])
+    assert (both.rel_error, both.rel_error_worst) == pytest.approx((0.2, 0.6))
+    assert both.rmse_worst == pytest.approx(0.06)
+    assert both.rel_error_by_truth == pytest.approx((0.2, 0.2, 0.6))
+    (some,) = error_rows([run(0.2), run(math.nan, "singular")])
+    assert (some.rel_error, some.note) == (pytest.approx(0.2), "1 of 2 truths: singular")
 
 
 @pytest.mark.usefixtures("without_planning")
@@ -259,7 +266,7 @@ def test_all_members_in_turn():
     for row in tables.table1:
         assert len(row.rel_error_by_truth) == 3
         assert row.rel_error <= row.rel_error_worst
-    assert "worst rel. error" in text_tables(tables)[0].columns
+    assert "worst rel. error" in text_tables(tables)[0][1][0]
 
 
 def test_files_say_the_same_numbers(study, folder):
@@ -277,21 +284,21 @@ def test_files_say_the_same_numbers(study, folder):
             for key, cell in asdict(value).items():
                 if isinstance(cell, float):
                     assert float(row[key]) == in_json[key] == cell
-    unknown = rows_to_csv([replace(study.table1[0], rel_error=math.nan)])
-    assert next(csv.DictReader(io.StringIO(unknown)))["rel_error"] == ""
+    unknown = replace(study, table1=(replace(study.table1[0], rel_error=math.nan),))
+    assert next(csv.DictReader(io.StringIO(files_of(unknown)["table1.csv"])))["rel_error"] == ""
 
 
 def test_console_report_and_page_show_the_rows(study, folder):
-    words, written = io.StringIO(), (folder / "report.md").read_text()
-    print_tables(SafeConsole(file=words, width=200), text_tables(study))
+    written = (folder / "report.md").read_text()
+    cells = {cell for _, rows in text_tables(study) for row in rows for cell in row.values()}
     for row in (*study.table1, *study.table2):
-        for text in (words.getvalue(), written):
+        for text in (cells, written):
             assert f"{row.rel_error:.3f}" in text
             assert f"{row.rmse:.4f}" in text
     for row in study.table3:
         assert f"{row.lower_quartile:.0f} to {row.upper_quartile:.0f}" in written
-    page, first = (folder / "index.html").read_text(), text_tables(study)[0]
-    assert [row[0] for row in table(page, first.title)] == [str(row[0]) for row in first.rows]
+    page, (title, rows) = (folder / "index.html").read_text(), text_tables(study)[0]
+    assert [row[0] for row in table(page, title)] == [row["estimator"] for row in rows]
     figures = check_figures(page)
     sparse, glides = (
         {mark["name"]: mark for mark in figures[key]["panels"][0]["marks"]}

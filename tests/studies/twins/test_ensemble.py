@@ -35,7 +35,7 @@ def test_speed_and_spread_are_those_of_an_eddying_ocean(seed):
 
 def test_divergence_is_zero_at_every_depth():
     rng = np.random.default_rng(0)
-    eddies, jet = synthetic._draw_common_eddies(rng), synthetic._draw_jet(rng)
+    eddies, jet = synthetic.common_draw(rng)
     ranges = (-8e4, 8e4), (-5e4, 5e4), (0.0, 750.0)
     east, north, depth = (rng.uniform(*ends, 300) for ends in ranges)
     h = 10.0

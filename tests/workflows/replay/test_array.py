@@ -115,7 +115,7 @@ def test_a_vehicle_whose_sources_contradict_each_other_is_left_out(tmp_path, tru
     for ping in (one.payload for one in messages if one.topic == "/adcp"):
         for cell in ping["velocity"]:
             if None not in cell[:2]:
-                cell[:2] = cell[0] + 0.2, cell[1] + 0.1
+                cell[:2] = cell[0] - 0.2, cell[1] + 0.2
     write_mcap_log(logs["sg2"], messages)
     with pytest.warns(UserWarning, match="sg2: two sources of the current contradict"):
         found = rk.replay(logs, ENSEMBLE, settings=SETTINGS)
