@@ -86,13 +86,13 @@ def clock(hours):
     return time_text(NOON + round(hours * HOUR)).replace(" ", "T")
 
 
-def ask(flow, more, places=(START, GOAL)):
-    start, goal = (f"{one.longitude},{one.latitude},0" for one in places)
+def ask(flow, more):
+    start, goal = (f"{one.longitude},{one.latitude},0" for one in (START, GOAL))
     return invoke(f"plan {flow} --start={start} --goal={goal} --depth 390 {more}")
 
 
-def answer(flow, more="--samples 0", **places):
-    done = ask(flow, f"{more} --json -", **places)
+def answer(flow, more="--samples 0"):
+    done = ask(flow, f"{more} --json -")
     assert done.exit_code == 0, done.output
     return json.loads(done.stdout)
 
