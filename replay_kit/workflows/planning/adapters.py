@@ -1,7 +1,6 @@
 """Planners bound to a configuration, behind the protocol of ``replay`` and the studies."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any
 
@@ -83,7 +82,7 @@ class MissionPlanner:
     judges: bool = False
     bathymetry: planners.Bathymetry | None = None
     seabed: Seabed | None = None
-    more: Mapping[str, Any] = field(default_factory=dict)
+    more: dict[str, Any] = field(default_factory=dict)
 
     @property
     def glides(self) -> bool:
@@ -130,11 +129,11 @@ class MissionPlanner:
         if self.glides:
             # flown once, whatever the dives before it were
             dives = replace(config.diving(), yos=0, depths=None, speeds=None, origin=dives.origin)
-        of_dives = ("depth", "yos", "depths", "speeds", "surface_time", "radius")
-        stated = ("objective", "tolerance", "legs", "max_legs", "max_duration", "margin")
-        values = {name: getattr(dives, name) for name in of_dives}
-        values |= {name: getattr(config, name) for name in (*stated, "clearance")}
-        settings = planners.MissionSettings(**{**values, **self.more})
+        # what the dives settle counts before what is stated
+        named = {one.name for one in fields(planners.MissionSettings)}
+        values = {**dict(config), **asdict(dives)}
+        stated = {name: value for name, value in values.items() if name in named}
+        settings = planners.MissionSettings(**stated | self.more)
         request = planners.MissionRequest(
             start, goals, glider, settings, no_go, self.bathymetry, start_time_ns
         )

@@ -46,12 +46,10 @@ def read_areas(path: Path) -> tuple[NoGo, ...]:
     """
     try:
         with open_input(path) as file:
-            content = file.read(_MOST_BYTES // 2 + 1)
+            features = enumerate(_features_of(file.read(_MOST_BYTES // 2 + 1)), 1)
+        return tuple(one for number, each in features for one in _of_feature(each, number))
     except OSError as error:
         raise PlanError(f"{path}: cannot read the no-go areas: {error.strerror}") from error
-    try:
-        features = enumerate(_features_of(content), 1)
-        return tuple(one for number, each in features for one in _of_feature(each, number))
     except _NoAreaError as error:
         raise PlanError(
             f"{path}: expected GeoJSON or KML with polygons of longitude and latitude, or lines around areas, got {error}; "
@@ -117,9 +115,9 @@ def _features_of(content: bytes) -> list[Any]:
     features = document.get("features")
     if not isinstance(features, list):
         raise _NoAreaError("a FeatureCollection without a list of features")
-    for number, feature in enumerate(features, 1):
-        if _kind(feature) != "Feature":
-            raise _NoAreaError(f"{_kind(feature)} as feature {number}")
+    for number, kind in enumerate(map(_kind, features), 1):
+        if kind != "Feature":
+            raise _NoAreaError(f"{kind} as feature {number}")
     return features
 
 
@@ -176,22 +174,16 @@ def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[NoGo]:
     for key, value in (("surface_only", surface_only), ("fence", fence)):
         if value not in (True, False):
             raise _NoAreaError(f"{name} with {key} {value!r:.100}, neither true nor false")
-    begin, end = (_time(properties.get(key), name) for key in ("begin", "end"))
+    times = [properties.get(key) for key in ("begin", "end")]
+    try:
+        begin, end = (None if at in (None, "") else parse_time(str(at)) for at in times)
+    except ConfigError as error:
+        raise _NoAreaError(f"{name} with the time {error!s:.200}") from error
     if begin is not None and end is not None and end < begin:
         raise _NoAreaError(f"{name} that ends before it begins")
     for rings in _rings(feature.get("geometry"), name):
         corners, *holes = (_corners(ring, name) for ring in rings)
         yield NoGo(corners, name, bool(surface_only), tuple(holes), bool(fence), begin, end)
-
-
-def _time(value: Any, name: str) -> int | None:
-    """Return a time [ns, UTC]; None if absent."""
-    if value in (None, ""):
-        return None
-    try:
-        return parse_time(str(value))
-    except ConfigError as error:
-        raise _NoAreaError(f"{name} with the time {value!r:.100}: {error}") from error
 
 
 def _rings(geometry: Any, name: str) -> Iterator[list[Any]]:

@@ -86,7 +86,7 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     from replay_kit.forecast.names import find_coordinates
     from replay_kit.forecast.variables import unpacked
 
-    there, axes = dataset.variables, list[Any]()
+    there, names = dataset.variables, list[str]()
     found = {
         called.lower(): name
         for name, one in reversed([*there.items()])
@@ -105,53 +105,43 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
         dataset = dataset.rename(degrees)
         with suppress(ForecastError):
             *names, _ = find_coordinates(dataset, dataset[found[usual]].dims, str(path))
-            axes = [dataset[name] for name in names]
-    if usual is None or not axes:
+    if usual is None or not names:
         raise ForecastError(
             f"{path}: expected one of {', '.join(_USUAL)} on longitude and latitude, found {', '.join(map(str, there))}"
         )
-    variable, flat = dataset[found[usual]], axes[0].ndim == 1
-    dims = (axes[1].dims[0], axes[0].dims[0]) if flat else variable.dims
-    ordered = [axis if flat else axis.transpose(*dims) for axis in axes]
-    block = _window(region, *(unpacked(axis).astype(float) for axis in ordered))
+    name, flat = found[usual], dataset[names[0]].ndim == 1
+    dims = [dataset[axis].dims[0] for axis in names[::-1]] if flat else dataset[name].dims
+    dataset = dataset.transpose(*dims, ...)
+    block = _window(region, *(unpacked(dataset[axis]).astype(float) for axis in names))
     # the cut is what is read
-    cut = dict(zip(dims, block, strict=True))
-    dataset, variable = dataset.isel(cut), variable.transpose(*dims).isel(cut)
+    dataset = dataset.isel(dict(zip(dims, block, strict=True)))
+    variable = dataset[name]
     if why := exceeds_claim(path, 8 * variable.size):
-        raise ForecastError(f"{path}: cannot read {variable.name}: {why}; mend the file")
-    longitude, latitude = (
-        unpacked(axis.isel(cut, missing_dims="ignore")).astype(float) for axis in ordered
-    )
+        raise ForecastError(f"{path}: cannot read {name}: {why}; mend the file")
+    longitude, latitude = (unpacked(dataset[axis]).astype(float) for axis in names)
     if flat:
         longitude, latitude = np.meshgrid(longitude, latitude)
     sign = str(variable.attrs.get("positive", _USUAL[usual])).lower()
     if sign not in ("up", "down"):
         raise ForecastError(
-            f"{path}: {variable.name} has the attribute positive = {sign!r}; expected up or down"
+            f"{path}: {name} has the attribute positive = {sign!r}; expected up or down"
         )
-    values = unpacked(variable).astype(float) * _metre(path, variable)
+    unit = str(variable.attrs.get("units", "m")).strip().lower()
+    if (metre := metres(unit)) is None:
+        raise ForecastError(f"{path}: {name} is in {unit!r}; expected metres, km, cm or ft")
+    values = unpacked(variable).astype(float) * metre
     values = -values if sign == "up" else values
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
         values = np.where(unpacked(dataset["mask_rho"]) > 0.5, values, np.nan)
     if not np.any(values > 0.0):
         what, other = ("height", "down") if sign == "up" else ("depth", "up")
         raise ForecastError(
-            f"{path}: {variable.name} as a {what}, positive {sign}, has no water; give it the attribute "
+            f"{path}: {name} as a {what}, positive {sign}, has no water; give it the attribute "
             f'positive = "{other}" if its sign is opposite'
         )
     # continuous where the region lies across the seam of the file
     longitude = unwrap_longitude(longitude, float(region.longitude.mean()))
     return Bathymetry(longitude, latitude, values)
-
-
-def _metre(path: Path, variable: xr.DataArray) -> float:
-    """Return the metres per unit of a variable."""
-    unit = str(variable.attrs.get("units", "m")).strip().lower()
-    if (found := metres(unit)) is None:
-        raise ForecastError(
-            f"{path}: {variable.name} is in {unit!r}; expected metres, km, cm or ft"
-        )
-    return found
 
 
 def _window(region: Grid, longitude: Array, latitude: Array) -> tuple[Any, Any]:

@@ -29,6 +29,19 @@ _ODDS = (
     *("miss_median_m", "miss_90_percent_m", "safe"),
 )
 
+# Columns of the table of legs, as templates of a row.
+_LEG = {
+    "leg": "{leg:.0f}",
+    "heading": "{heading_deg:.1f}",
+    "glide angle": "{glide_angle_deg:.1f}",
+    "pitch": "{pitch_deg:.1f}",
+    "arrives with": "{turns}",
+    "depth [m]": "{depth_m:.0f}",
+    "after [h]": "{hours:.2f}",
+    "UTC": "{when}",
+    "surfacing at": "{longitude:.4f}, {latitude:.4f}",
+}
+
 
 def texts_of(
     planned: PlannedMission, geojson: Path | None, csv: Path | None, waypoints: Path | None
@@ -123,40 +136,18 @@ def _print_mission(planned: PlannedMission, console: Console) -> None:
     console.print(f"{made.duration / 3600.0:.2f} h, {energy}, {legs}")
     if planned.waypoints is not None:
         console.print(planned.waypoints.message)
-    columns = (
-        "leg",
-        "heading",
-        "glide angle",
-        "pitch",
-        "arrives with",
-        "depth [m]",
-        "after [h]",
-        "UTC",
-        "surfacing at",
-    )
-    print_table(
-        console,
-        None,
-        columns,
-        (_leg_cells(row, made.start_time_ns) for row in rows),
-    )
+    print_table(console, None, [*_LEG], (_leg_cells(row, made.start_time_ns) for row in rows))
 
 
-def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
-    angles = (f"{row[name]:.1f}" for name in ("heading_deg", "glide_angle_deg", "pitch_deg"))
-    where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
+def _leg_cells(row: Mapping[str, Any], start_ns: int) -> list[str]:
     # with which the leg still arrives
     turns = row.get("heading_from_deg"), row.get("heading_to_deg")
-    when = time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-"
-    return (
-        f"{row['leg']:.0f}",
-        *angles,
-        "-" if None in turns else "{:.0f} to {:.0f}".format(*turns),
-        f"{row['depth_m']:.0f}",
-        f"{row['surfacing_s'] / 3600.0:.2f}",
-        when,
-        where,
-    )
+    more = {
+        "turns": "-" if None in turns else "{:.0f} to {:.0f}".format(*turns),
+        "hours": row["surfacing_s"] / 3600.0,
+        "when": time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-",
+    }
+    return [template.format_map({**row, **more}) for template in _LEG.values()]
 
 
 def _print_departures(planned: PlannedMission, console: Console) -> None:
@@ -234,7 +225,17 @@ def unsafe_reason(planned: PlannedMission) -> str | None:
 def _print_together(made: Together, console: Console) -> None:
     """Print the assignment of goals, the separation of each two missions, and unassigned goals."""
     columns = ("glider", "goal", "status", "hours", "arrives")
-    print_table(console, "Gliders", columns, [_cells(made, *one) for one in made.planned.items()])
+    rows = [
+        (
+            name,
+            f"goal {made.goals[name]}",
+            one.plan.status,
+            f"{one.plan.duration / 3600.0:.1f}",
+            "-" if one.odds is None else f"{100.0 * one.odds.reached:.0f} %",
+        )
+        for name, one in made.planned.items()
+    ]
+    print_table(console, "Gliders", columns, rows)
     for name, goal in made.goals.items():
         if goal is None:
             console.print(f"{name}: no goal is left for it, or none that it can reach")
@@ -242,12 +243,6 @@ def _print_together(made: Together, console: Console) -> None:
         console.print(f"goal {goal}: no glider goes there")
     for row in made.separation:
         console.print(_apart(row))
-
-
-def _cells(made: Together, name: str, one: PlannedMission) -> tuple[str, ...]:
-    share = "-" if one.odds is None else f"{100.0 * one.odds.reached:.0f} %"
-    hours = f"{one.plan.duration / 3600.0:.1f}"
-    return name, f"goal {made.goals[name]}", one.plan.status, hours, share
 
 
 def _apart(row: Mapping[str, Any]) -> str:

@@ -280,15 +280,12 @@ def _within_times(
     while True:
         request = replace(request, no_go=counted)
         made = _planned(job, request, flow, drawn)
-        ends_ns = made.start_time_ns + round(_LATE * made.duration * 1e9)
-        late = (
-            area
-            for area in areas
-            if area not in counted and area.holds(made.start_time_ns, ends_ns)
-        )
-        if (further := next(late, None)) is None:
+        begin_ns, lasts_ns = made.start_time_ns, round(_LATE * made.duration * 1e9)
+        late = [area for area in areas if area.holds(begin_ns, begin_ns + lasts_ns)]
+        late = [area for area in late if area not in counted]
+        if not late:
             return request, made
-        counted = (*counted, further)
+        counted = (*counted, late[0])
 
 
 def _planned(
@@ -347,9 +344,9 @@ def _other_tolerance(judge: _Judge, request: MissionRequest, made: MissionPlan) 
     """Return the first of some wider tolerances with a safe list [m]; a glider that may deviate further keeps steadier headings."""
     usual = judge.job.waypoint_tolerance or made.settings.tolerance
     for tolerance in (times * usual for times in _WIDER):
-        if request.settings.is_late:
-            break
-        if _is_safe(*waypoints_of(judge.flow, made, request, tolerance, judge.drawn), judge.job):
+        if not request.settings.is_late and _is_safe(
+            *waypoints_of(judge.flow, made, request, tolerance, judge.drawn), judge.job
+        ):
             return tolerance
     return None
 

@@ -52,23 +52,35 @@ def conclude(
     """
     job, useless = inputs.job, useless_of(run, inputs)
     flows, windows = _last_flows(run)
+    flow, estimator = flows[0], run.of[0].setup.estimator
     each = zip(run.of, inputs.accounts(run), flows, strict=True)
     found = {one[0].setup.name: _found(*one, inputs, others) for one in each}
+    values = next(iter(found.values()))
     if job.vehicles:
-        values = _of_several(run, inputs, flows[0], found, useless, bool(windows))
-    else:
-        (own,) = found.values()
-        values = own | {"notes": _notes(run, inputs, flows[0], own["notes"])}
+        values = _of_several(run, inputs, found, useless, bool(windows))
+    kernel = flow.horizontal.kernel
+    lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
+    basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
+    no_goal = "no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"
+    # biases are one instrument's
+    notes = [
+        basis,
+        *estimator.notes(),
+        *estimator.remarks(run.current),
+        *[no_goal] * (not job.goals),
+    ]
+    notes = [*notes, *values["notes"]] if job.vehicles else [*values["notes"], *notes]
+    values = {**values, "notes": [*inputs.forecasts.notes, *notes]}
     outcome = made(values, (*job.logs, *job.forecasts))
     with run.clock.stage("write"):
-        _write(run, inputs, outcome, found, flows[0], windows)
+        _write(run, inputs, outcome, found, flow, windows)
     score, said = None, list[str]()
     if inputs.truth is not None:
         with run.clock.stage("score"):
-            score, said = _score(run, inputs, inputs.truth, flows[0])
+            score, said = _score(run, inputs, inputs.truth, flow)
     truth, seconds = made({"truth": score}).truth, dict(run.clock.seconds)
-    notes = (*outcome.notes, *said)
-    return replace(outcome, seconds=seconds, truth=truth, notes=notes), flows[0]
+    told = (*outcome.notes, *said)
+    return replace(outcome, seconds=seconds, truth=truth, notes=told), flow
 
 
 def _write(
@@ -196,14 +208,13 @@ def _found(
 def _of_several(
     run: Run,
     inputs: Prepared,
-    flow: FlowEstimate,
     each: Mapping[str, Mapping[str, Any]],
     useless: Mapping[str, str],
     windowed: bool,
 ) -> dict[str, Any]:
-    """Return the values of an outcome for several vehicles together."""
+    """Return the values of an outcome for several vehicles together, with the last of its notes."""
     unused = {one.name: one.why_not for one in inputs.job.vehicles if one.why_not} | {**useless}
-    notes = [*_notes(run, inputs, flow, ()), *map(": ".join, unused.items())]
+    notes = [*map(": ".join, unused.items())]
     if windowed:
         notes.append(
             f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {run.of[0].setup.name}; "
@@ -220,18 +231,6 @@ def _of_several(
         ],
         "outside": next(one["outside"] for one in each.values()),
     }
-
-
-def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
-    """Return notes on the forecast, the logs, the basis, the prior and the instrument, as sentences."""
-    kernel, estimator = flow.horizontal.kernel, run.of[0].setup.estimator
-    lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
-    basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    no_goal = "no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"
-    asked = [] if inputs.job.goals else [no_goal]
-    # biases are one instrument's
-    biases = estimator.remarks(run.current)
-    return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *asked]
 
 
 def _score(

@@ -1,6 +1,6 @@
 """Running replay: messages in, events in order of time into the estimate, and what follows from its steps out.
 
-The stages are functions of frozen states, independent of writer and clock; their outputs go to the writer. Several vehicles share one
+The stages are functions of frozen states, independent of the clock; what they find goes to the writer. Several vehicles share one
 estimate: each has its own messages, checks, counts and plans, and its observations are assimilated in order of time.
 """
 

@@ -171,8 +171,8 @@ class Sums(NamedTuple):
         if not one.accepted:
             gated = one.decision == "rejected"
             repeats = gated and bool((one.reasons & _REPEATS).any())
-            unused = {"gated": int(gated and not repeats), "repeated": int(repeats)}
-            return Sums(rejected=1, refused=one.profiles if gated else 0, **unused)
+            refused = one.profiles if gated else 0
+            return Sums(rejected=1, gated=gated - repeats, repeated=int(repeats), refused=refused)
         if (totals := one.totals) is None:
             each = one.innovation, one.residual, one.prior_innovation
             bins, (before, after, prior) = one.dof // 2, map(_squares, each)

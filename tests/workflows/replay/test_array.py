@@ -179,6 +179,7 @@ def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
         assert (start.longitude, start.latitude) == (fix["longitude"], fix["latitude"])
         assert f"it begins at {fix.name:%Y-%m-%d %H:%M:%S}Z" in made["notes"][0]
         assert "; as flown: " in made["message"]
+        assert "dives: speed" in str(made["notes"])
 
 
 def test_goals_say_which_of_several_are_planned(result):

@@ -146,8 +146,14 @@ def prepare(
     # goals out of reach are refused before the basis is computed
     each = list[tuple[Vehicle, RunConfig, PlanningProblem | None]]()
     for vehicle, own_logs in zip(job.each_vehicle, logs.by_vehicle, strict=True):
-        own = with_planner_kind(vehicle, own_logs, config)
-        each.append((vehicle, own, _problem(job, vehicle.goal, own, ensemble, planner_of, logs)))
+        own, problem = with_planner_kind(vehicle, own_logs, config), None
+        if vehicle.goal is not None and planner_of is not None:
+            planner = planner_of(own.planner, ensemble.grid)
+            check_goal(planner, ensemble, vehicle.goal, logs)
+            later = () if job.following is None else job.following.goals
+            surface = own.measurements.surface_depth
+            problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, later)
+        each.append((vehicle, own, problem))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         if estimator is None:
@@ -171,24 +177,6 @@ def prepare(
     owners = [number for number, of_vehicle in enumerate(logs.by_vehicle) for _ in of_vehicle]
     run = Run(setups, measured_by, clock, owners)
     return run, Prepared(job, logs, forecasts, prior_flow, truth, metadata)
-
-
-def _problem(
-    job: ReplayJob,
-    goal: Place | None,
-    config: RunConfig,
-    ensemble: Ensemble,
-    planner_of: PlannerFactory | None,
-    logs: Logs,
-) -> PlanningProblem | None:
-    """Return the planning problem of a vehicle; None without a goal or a planner."""
-    if goal is None or planner_of is None:
-        return None
-    planner = planner_of(config.planner, ensemble.grid)
-    check_goal(planner, ensemble, goal, logs)
-    goals = () if job.following is None else job.following.goals
-    surface = config.measurements.surface_depth
-    return PlanningProblem(planner, goal, config.planner, surface, goals)
 
 
 def with_planner_kind(vehicle: Vehicle, readers: Sequence[LogFile], config: RunConfig) -> RunConfig:

@@ -61,14 +61,14 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
         # in the order of a folder with them, then of content, however given
         own = sorted(one.logs, key=lambda path: (in_folder(path), input_hash(path)))
         one = replace(one, logs=tuple(own), goal=one.goal or job.goal)
-        reach = None if one.why_not else Logs([one.logs], config).reach
-        if reach is not None and len(reach.places) and reach.first_ns is not None:
-            begins[one.name] = reach.first_ns
+        if not one.why_not:
+            reach = Logs([one.logs], config).reach
             some = reach.places[:: max(1, len(reach.places) // _SHOWN)]
-            one = replace(one, places=tuple((float(east), float(north)) for east, north in some))
-        elif reach is not None:
+            places = tuple((float(east), float(north)) for east, north in some)
             why = "no position in its logs, so it is not used; the others are replayed"
-            one = replace(one, why_not=why)
+            if places and reach.first_ns is not None:
+                begins[one.name], why = reach.first_ns, ""
+            one = replace(one, places=places, why_not=why)
         placed.append(one)
     if not begins:
         raise MeasurementError(
