@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from replay_kit.core.plan import Place
+    from replay_kit.results.outcome.outcome import Outcome
 
 INPUTS = Group("Inputs", sort_key=1)
 OUTPUTS = Group("Outputs", sort_key=2)
@@ -239,6 +240,15 @@ class Answer(Replacing):
     def write(self, answer: Mapping[str, Any]) -> None:
         """Write the answer as JSON if that is asked for."""
         console.write_json(self.json_file, answer)
+
+    def tell(self, result: Path, outcome: "Outcome") -> int:
+        """Print the summary of a result, write its outcome as the answer, and return the exit code."""
+        from replay_kit.show.summary import print_summary
+        from replay_kit.workflows.status import read_status
+
+        print_summary(read_status(result)[0], outcome, self.console(), verbose=self.verbose)
+        self.write(outcome.to_json())
+        return outcome.exit_code
 
 
 def place(text: str, name: str) -> "Place":

@@ -239,15 +239,11 @@ def smooth(
     answer.check((*logs, *ensemble, settings.file), out)
     config = settings.load()
 
-    from replay_kit.show.summary import print_summary
     from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs
-    from replay_kit.workflows.status import read_status
 
     job = local_forecast(ReplayJob(logs, ensemble, out, overwrite=answer.overwrite), config)
     check_outputs(job, also_read=[settings.file], also_written=[answer.json_file])
     with part_named(out), progress() as advance:
         outcome = smooth_logs(job, config, advance)
-    print_summary(read_status(out)[0], outcome, answer.console(), verbose=answer.verbose)
-    answer.write(outcome.to_json())
-    return outcome.exit_code
+    return answer.tell(out, outcome)

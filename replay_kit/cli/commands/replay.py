@@ -238,28 +238,20 @@ def _follow(
             if job.vehicles
             else "--goal-file: cannot be combined with --goal; omit one"
         )
-    from replay_kit.show.summary import print_summary
     from replay_kit.workflows.follow.follow import follow
     from replay_kit.workflows.planning.adapters import planner_of
-    from replay_kit.workflows.status import read_status
 
     outcome = follow(job, config, planner_of, options)
     if outcome is None:
         raise LogError(
             "no log that can be replayed has arrived; check the folder and the messages about its files"
         )
-    print_summary(read_status(outputs.out)[0], outcome, outputs.console())
-    outputs.write(outcome.to_json())
-    return outcome.exit_code
+    return outputs.tell(outputs.out, outcome)
 
 
 def _answer(outputs: Outputs, outcome: "Outcome", page: Path | None) -> int:
-    """Print the summary, write the report and the JSON if they are asked for, and return the exit code."""
-    from replay_kit.show.summary import print_summary
-    from replay_kit.workflows.status import read_status
-
-    console = outputs.console()
-    print_summary(read_status(outputs.out)[0], outcome, console, verbose=outputs.verbose)
+    """Print the summary, write the JSON and the report if they are asked for, and return the exit code."""
+    code = outputs.tell(outputs.out, outcome)
     if page is not None:
         from replay_kit.workflows.report import report
 
@@ -267,6 +259,5 @@ def _answer(outputs: Outputs, outcome: "Outcome", page: Path | None) -> int:
     written = outputs.out, outputs.netcdf, outputs.save_estimate, page
     wrote = f"Wrote      {', '.join(str(path) for path in written if path is not None)}"
     more = "" if outputs.verbose else " (-v: evidence, dives, notes)"
-    console.print(wrote + more * (len(wrote + more) <= 80))
-    outputs.write(outcome.to_json())
-    return outcome.exit_code
+    outputs.console().print(wrote + more * (len(wrote + more) <= 80))
+    return code
