@@ -65,6 +65,11 @@ def argument(name: str, **more: Any) -> Parameter:
     return Parameter(name=name, group=INPUTS, required=True, **more)
 
 
+def output(metavar: str) -> Parameter:
+    """Return the option of a command's main output."""
+    return option(metavar, alias="-o", group=OUTPUTS)
+
+
 def flag(**more: Any) -> Parameter:
     """Return an option without a value; it may be repeated."""
     return Parameter(allow_repeating=True, **more)

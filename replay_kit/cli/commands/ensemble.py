@@ -23,6 +23,7 @@ from replay_kit.cli.options import (
     Noise,
     Replacing,
     option,
+    output,
 )
 from replay_kit.cli.settings import Settings, annotated_toml, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 def fetch(
     *logs: LogIfAny,
     ensemble: Ensemble,
-    out: Annotated[Path | None, option("FORECAST.nc", alias="-o", group=OUTPUTS), NETCDF] = None,
+    out: Annotated[Path | None, output("FORECAST.nc"), NETCDF] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
     settings: Settings,
     dry_run: Annotated[bool, FLAG] = False,
@@ -139,7 +140,7 @@ class Survey:
 def twin(
     *,
     truth: Annotated[str, option("FILE[#member]", group=INPUTS)],
-    out: Annotated[Path, option("X.mcap", alias="-o", group=OUTPUTS), MCAP],
+    out: Annotated[Path, output("X.mcap"), MCAP],
     survey: Annotated[Survey, TO_OPTIONS] = Survey(),
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
     settings: Settings,

@@ -7,7 +7,6 @@ from typing import Annotated
 from replay_kit.cli.console import keep_json, progress
 from replay_kit.cli.options import (
     INPUTS,
-    OUTPUTS,
     PART_OF_FORECAST,
     TO_OPTIONS,
     TO_OUTPUTS,
@@ -17,6 +16,7 @@ from replay_kit.cli.options import (
     Processes,
     Truth,
     option,
+    output,
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -44,7 +44,7 @@ def paper(
     ensemble: Ensemble,
     truth: Truth = None,
     leave_out: Annotated[str | None, option("K,K,...|all|most-distant", group=INPUTS)] = None,
-    out: Annotated[Path, option("DIR", alias="-o", group=OUTPUTS), Ending()],
+    out: Annotated[Path, output("DIR"), Ending()],
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
     settings: Settings,
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),

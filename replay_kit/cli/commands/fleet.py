@@ -10,7 +10,6 @@ from replay_kit.cli.options import (
     ENSEMBLE_HELP,
     FLAG,
     INPUTS,
-    OUTPUTS,
     SOURCES,
     TO_INPUTS,
     TO_OPTIONS,
@@ -22,6 +21,7 @@ from replay_kit.cli.options import (
     argument,
     flag,
     option,
+    output,
 )
 from replay_kit.config.run import laid_over
 from replay_kit.core.errors import ConfigError
@@ -55,7 +55,7 @@ class Inputs:
 def fleet(
     *missions: Annotated[Path, argument("MISSIONS")],
     inputs: Annotated[Inputs, TO_INPUTS] = Inputs(),
-    out: Annotated[Path, option("DIR", alias="-o", group=OUTPUTS), Ending()],
+    out: Annotated[Path, output("DIR"), Ending()],
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     resume: Annotated[bool, FLAG] = False,

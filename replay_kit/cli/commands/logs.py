@@ -21,6 +21,7 @@ from replay_kit.cli.options import (
     argument,
     flag,
     option,
+    output,
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -145,7 +146,7 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
 @takes_settings("logs.remap", "logs.columns", file=False)
 def convert(
     *logs: Log,
-    out: Annotated[Path, option("OUT.mcap", alias="-o", group=OUTPUTS), MCAP],
+    out: Annotated[Path, output("OUT.mcap"), MCAP],
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
     settings: Settings,
 ) -> int:
@@ -227,7 +228,7 @@ def compare(
 def smooth(
     *logs: Log,
     ensemble: Ensemble,
-    out: Annotated[Path, option("OUT.mcap", alias="-o", group=OUTPUTS), MCAP],
+    out: Annotated[Path, output("OUT.mcap"), MCAP],
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
     settings: Settings,
 ) -> int:

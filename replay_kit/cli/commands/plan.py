@@ -15,6 +15,7 @@ from replay_kit.cli.options import (
     Ending,
     argument,
     option,
+    output,
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.config.option import Numbers, numbers
@@ -44,7 +45,7 @@ class Outputs(Answer):
         write_unsafe: Write files even if the plan or its waypoints violate a constraint more often than accepted.
     """
 
-    out: Annotated[Path | None, option("PLAN.mcap", alias="-o"), MCAP] = None
+    out: Annotated[Path | None, output("PLAN.mcap"), MCAP] = None
     geojson: Annotated[Path | None, option("FILE"), Ending((".geojson", ".json"), stream=True)] = (
         None
     )

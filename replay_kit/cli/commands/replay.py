@@ -19,6 +19,7 @@ from replay_kit.cli.options import (
     Log,
     Truth,
     option,
+    output,
     place,
 )
 from replay_kit.cli.settings import Settings, takes_settings
@@ -64,7 +65,7 @@ class Outputs(Answer):
         report: Also write the report, an HTML page named as the result.
     """
 
-    out: Annotated[Path, option("OUT.mcap", alias="-o"), MCAP]
+    out: Annotated[Path, output("OUT.mcap"), MCAP]
     netcdf: Annotated[Path | None, option("GRID.nc"), NETCDF] = None
     save_estimate: Annotated[Path | None, option("FLOW.nc"), NETCDF] = None
     checkpoint: Annotated[Path | None, option("FILE")] = None

@@ -16,6 +16,7 @@ from replay_kit.cli.options import (
     Replacing,
     argument,
     option,
+    output,
     place,
 )
 from replay_kit.config.option import PLACE
@@ -48,7 +49,7 @@ def report(
     result: _Result,
     /,
     *,
-    out: Annotated[Path | None, option("REPORT.html", alias="-o"), HTML] = None,
+    out: Annotated[Path | None, output("REPORT.html"), HTML] = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
     """Return exit code 0, or 4 when part of the result was lost.
@@ -164,7 +165,7 @@ def plot(
     ],
     /,
     *,
-    out: Annotated[Path, option("F.png|svg|pdf", alias="-o", group=OUTPUTS), _PICTURES],
+    out: Annotated[Path, output("F.png|svg|pdf"), _PICTURES],
     look: Annotated[Look, TO_OPTIONS] = Look(),
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
@@ -209,7 +210,7 @@ def export(
     result: _Result,
     /,
     *,
-    out: Annotated[Path, option("X.nc|csv|kml|geojson", alias="-o", group=OUTPUTS), _FILES],
+    out: Annotated[Path, output("X.nc|csv|kml|geojson"), _FILES],
     at: Annotated[list[str] | None, option("LON,LAT,DEPTH"), PLACE] = None,
     table: _TABLES | None = None,
     vehicle: _VEHICLE = None,
@@ -239,7 +240,7 @@ def layout(
     result: _Result,
     /,
     *,
-    out: Annotated[Path, option("LAYOUT.json", alias="-o", group=OUTPUTS), Ending((".json",))],
+    out: Annotated[Path, output("LAYOUT.json"), Ending((".json",))],
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
     """Return exit code 0.
