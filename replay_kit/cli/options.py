@@ -75,7 +75,8 @@ def flag(**more: Any) -> Parameter:
     return Parameter(allow_repeating=True, **more)
 
 
-FLAG = flag()
+#: Option without a value.
+Switch = Annotated[bool, flag()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +200,7 @@ ConfigFile = Annotated[
 ]
 
 
+@TO_OUTPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replacing:
     """Replacement of existing outputs, and level of output.
@@ -210,7 +212,7 @@ class Replacing:
         log: Append everything printed to a file, with timestamps.
     """
 
-    overwrite: Annotated[bool, FLAG] = False
+    overwrite: Switch = False
     quiet: Annotated[bool, flag(alias="-q", group=REPORTING)] = False
     verbose: Annotated[bool, flag(alias="-v", group=REPORTING)] = False
     log: Annotated[Path | None, option("FILE.log", group=REPORTING), Ending((".log", ".txt"))] = (
@@ -222,6 +224,7 @@ class Replacing:
         check_paths(read, made, self.overwrite)
 
 
+@TO_OUTPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer(Replacing):
     """Additional output of a command's answer.
@@ -264,6 +267,7 @@ def place(text: str, name: str) -> "Place":
     return Place(*numbers(text, name, PLACE.form))
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Processes:
     """Processes of the computation.

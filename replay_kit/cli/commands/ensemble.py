@@ -9,19 +9,18 @@ from cyclopts import Parameter
 
 from replay_kit.cli.console import console_beside, part_named, progress
 from replay_kit.cli.options import (
-    FLAG,
     INPUTS,
     MCAP,
     NETCDF,
     OUTPUTS,
     PART_OF_FORECAST,
     TO_OPTIONS,
-    TO_OUTPUTS,
     Answer,
     Ensemble,
     LogIfAny,
     Noise,
     Replacing,
+    Switch,
     option,
     output,
 )
@@ -39,9 +38,9 @@ def fetch(
     *logs: LogIfAny,
     ensemble: Ensemble,
     out: Annotated[Path | None, output("FORECAST.nc"), NETCDF] = None,
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
     settings: Settings,
-    dry_run: Annotated[bool, FLAG] = False,
+    dry_run: Switch = False,
 ) -> int:
     """Return exit code 0.
 
@@ -120,6 +119,7 @@ def config(*sections: Annotated[str, Parameter(name="SECTION", group=INPUTS)]) -
     return 0
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
     """Motion and pings of the vehicle.
@@ -141,8 +141,8 @@ def twin(
     *,
     truth: Annotated[str, option("FILE[#member]", group=INPUTS)],
     out: Annotated[Path, output("X.mcap"), MCAP],
-    survey: Annotated[Survey, TO_OPTIONS] = Survey(),
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    survey: Survey = Survey(),
+    replacing: Replacing = Replacing(),
     settings: Settings,
 ) -> int:
     """Return exit code 0.
@@ -171,7 +171,7 @@ def synthesize(
     truth: Annotated[Path, option("T.nc", group=OUTPUTS), NETCDF],
     members: Annotated[int, option(least=2)] = 40,
     seed: int = 0,
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0.
 

@@ -9,7 +9,6 @@ from replay_kit.cli.options import (
     INPUTS,
     PART_OF_FORECAST,
     TO_OPTIONS,
-    TO_OUTPUTS,
     Answer,
     Ending,
     Ensemble,
@@ -23,6 +22,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.files.paths import check_folder, truth_path
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperSizes:
     """Sizes of the study.
@@ -45,10 +45,10 @@ def paper(
     truth: Truth = None,
     leave_out: Annotated[str | None, option("K,K,...|all|most-distant", group=INPUTS)] = None,
     out: Annotated[Path, output("DIR"), Ending()],
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
     settings: Settings,
-    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
-    sizes: Annotated[PaperSizes, TO_OPTIONS] = PaperSizes(),
+    processes: Processes = Processes(),
+    sizes: PaperSizes = PaperSizes(),
 ) -> int:
     """Return exit code 0.
 

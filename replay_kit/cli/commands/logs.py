@@ -12,7 +12,6 @@ from replay_kit.cli.options import (
     OUTPUTS,
     PART_OF_FORECAST,
     SOURCES,
-    TO_OUTPUTS,
     Answer,
     Ending,
     Ensemble,
@@ -48,7 +47,7 @@ def info(
     suggest: Annotated[
         Path | None, option("FILE.toml", group=OUTPUTS), Ending((".toml",), stream=True)
     ] = None,
-    outputs: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    outputs: Answer = Answer(),
     settings: Settings,
 ) -> int:
     """Return exit code 0, or 4 when bytes of a log were lost; raises the error that a replay would end with.
@@ -129,7 +128,7 @@ def info(
 
 
 @takes_settings("logs", "measurements")
-def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = Answer()) -> int:
+def qc(*logs: Log, settings: Settings, answer: Answer = Answer()) -> int:
     """Return the exit code of the report."""
     answer.check([*logs, settings.file])
     config = settings.load()
@@ -147,7 +146,7 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
 def convert(
     *logs: Log,
     out: Annotated[Path, output("OUT.mcap"), MCAP],
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
     settings: Settings,
 ) -> int:
     """Return exit code 0, or 4 when something was lost.
@@ -173,7 +172,7 @@ def verify(
     /,
     *,
     inputs: Annotated[list[Path] | None, option("DIR", group=INPUTS)] = None,
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
 ) -> int:
     """Return exit code 0, 4 when part of the result was lost, or 5 when it could not be reproduced.
 
@@ -203,7 +202,7 @@ def compare(
     second: Annotated[Path, argument("B")],
     /,
     *,
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
 ) -> int:
     """Return exit code 0 when the values are equal, 5 when they differ, 4 when part of a result was lost.
 
@@ -229,7 +228,7 @@ def smooth(
     *logs: Log,
     ensemble: Ensemble,
     out: Annotated[Path, output("OUT.mcap"), MCAP],
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
     settings: Settings,
 ) -> int:
     """Return the exit code of the summary.

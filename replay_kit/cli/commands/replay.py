@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 from replay_kit.cli.commands.ensemble import local_forecast
 from replay_kit.cli.console import part_named, progress
 from replay_kit.cli.options import (
-    FLAG,
     MCAP,
     NETCDF,
     SOURCES,
@@ -17,6 +16,7 @@ from replay_kit.cli.options import (
     Answer,
     Ensemble,
     Log,
+    Switch,
     Truth,
     option,
     output,
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 
+@TO_INPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
     """Inputs of ``replay``, and data to score against.
@@ -52,6 +53,7 @@ class Inputs:
     truth: Truth = None
 
 
+@TO_OUTPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
     """Outputs of ``replay``.
@@ -69,10 +71,11 @@ class Outputs(Answer):
     netcdf: Annotated[Path | None, option("GRID.nc"), NETCDF] = None
     save_estimate: Annotated[Path | None, option("FLOW.nc"), NETCDF] = None
     checkpoint: Annotated[Path | None, option("FILE")] = None
-    include_inputs: Annotated[bool, FLAG] = False
-    report: Annotated[bool, FLAG] = False
+    include_inputs: Switch = False
+    report: Switch = False
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Following:
     """Options for following growing logs.
@@ -85,7 +88,7 @@ class Following:
         notify: Shell command that receives each alarm of --follow as a JSON line on standard input.
     """
 
-    follow: Annotated[bool, FLAG] = False
+    follow: Switch = False
     # a look reads the names in a folder
     interval: Annotated[float, option(least=0.1, seconds=True)] = 60.0
     until_idle: Annotated[float | None, option("SECONDS", least=0.0, seconds=True)] = None
@@ -103,11 +106,11 @@ _OF_PLANNER = "kind speed depth radius bathymetry clearance samples"
 )
 def replay(
     *logs: Log,
-    inputs: Annotated[Inputs, TO_INPUTS],
-    outputs: Annotated[Outputs, TO_OUTPUTS],
+    inputs: Inputs,
+    outputs: Outputs,
     settings: Settings,
-    following: Annotated[Following, TO_OPTIONS] = Following(),
-    dry_run: Annotated[bool, FLAG] = False,
+    following: Following = Following(),
+    dry_run: Switch = False,
 ) -> int:
     """Return the exit code of the summary; 0 for a dry run.
 

@@ -10,7 +10,6 @@ from replay_kit.cli.options import (
     HTML,
     OUTPUTS,
     TO_OPTIONS,
-    TO_OUTPUTS,
     Answer,
     Ending,
     Replacing,
@@ -50,7 +49,7 @@ def report(
     /,
     *,
     out: Annotated[Path | None, output("REPORT.html"), HTML] = None,
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0, or 4 when part of the result was lost.
 
@@ -69,7 +68,7 @@ def status(
     *results: Annotated[Path, argument("RESULT")],
     html: Annotated[Path | None, option("PAGE.html", group=OUTPUTS), HTML] = None,
     now: Annotated[str | None, option("TIME")] = None,
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
 ) -> int:
     """Return exit code 0, also with alarms, or 4 when part of a result was lost.
 
@@ -139,6 +138,7 @@ _VEHICLE = Annotated[
 ]
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
     """Selection and width of a figure.
@@ -166,8 +166,8 @@ def plot(
     /,
     *,
     out: Annotated[Path, output("F.png|svg|pdf"), _PICTURES],
-    look: Annotated[Look, TO_OPTIONS] = Look(),
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    look: Look = Look(),
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0, or 4 when part of the result was lost.
 
@@ -214,7 +214,7 @@ def export(
     at: Annotated[list[str] | None, option("LON,LAT,DEPTH"), PLACE] = None,
     table: _TABLES | None = None,
     vehicle: _VEHICLE = None,
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0, or 4 when part of the result was lost.
 
@@ -241,7 +241,7 @@ def layout(
     /,
     *,
     out: Annotated[Path, output("LAYOUT.json"), Ending((".json",))],
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0.
 
