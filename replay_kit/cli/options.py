@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from replay_kit.core.plan import Place
+    from replay_kit.results.outcome.outcome import Outcome
 
 INPUTS = Group("Inputs", sort_key=1)
 OUTPUTS = Group("Outputs", sort_key=2)
@@ -64,12 +65,18 @@ def argument(name: str, **more: Any) -> Parameter:
     return Parameter(name=name, group=INPUTS, required=True, **more)
 
 
+def output(metavar: str) -> Parameter:
+    """Return the option of a command's main output."""
+    return option(metavar, alias="-o", group=OUTPUTS)
+
+
 def flag(**more: Any) -> Parameter:
     """Return an option without a value; it may be repeated."""
     return Parameter(allow_repeating=True, **more)
 
 
-FLAG = flag()
+#: Option without a value.
+Switch = Annotated[bool, flag()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +200,7 @@ ConfigFile = Annotated[
 ]
 
 
+@TO_OUTPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replacing:
     """Replacement of existing outputs, and level of output.
@@ -204,7 +212,7 @@ class Replacing:
         log: Append everything printed to a file, with timestamps.
     """
 
-    overwrite: Annotated[bool, FLAG] = False
+    overwrite: Switch = False
     quiet: Annotated[bool, flag(alias="-q", group=REPORTING)] = False
     verbose: Annotated[bool, flag(alias="-v", group=REPORTING)] = False
     log: Annotated[Path | None, option("FILE.log", group=REPORTING), Ending((".log", ".txt"))] = (
@@ -216,6 +224,7 @@ class Replacing:
         check_paths(read, made, self.overwrite)
 
 
+@TO_OUTPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer(Replacing):
     """Additional output of a command's answer.
@@ -240,6 +249,15 @@ class Answer(Replacing):
         """Write the answer as JSON if that is asked for."""
         console.write_json(self.json_file, answer)
 
+    def tell(self, result: Path, outcome: "Outcome") -> int:
+        """Print the summary of a result, write its outcome as the answer, and return the exit code."""
+        from replay_kit.show.summary import print_summary
+        from replay_kit.workflows.status import read_status
+
+        print_summary(read_status(result)[0], outcome, self.console(), verbose=self.verbose)
+        self.write(outcome.to_json())
+        return outcome.exit_code
+
 
 def place(text: str, name: str) -> "Place":
     """Return the place of an option ``LON,LAT,DEPTH``."""
@@ -249,6 +267,7 @@ def place(text: str, name: str) -> "Place":
     return Place(*numbers(text, name, PLACE.form))
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Processes:
     """Processes of the computation.

@@ -4,6 +4,8 @@ import json
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, make_dataclass
+from functools import partial
+from operator import methodcaller
 from pathlib import Path
 from types import FunctionType
 from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin
@@ -17,7 +19,6 @@ from replay_kit.config.option import Numbers, Option
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 
-_Mark = TypeVar("_Mark")
 _Command = TypeVar("_Command", bound=Callable[..., int])
 _HEADINGS = {
     group.name: group for group in (INPUTS, OUTPUTS, CHOICES, Group("Settings", sort_key=4))
@@ -79,14 +80,9 @@ def takes_settings(*paths: str, file: bool = True) -> Callable[[_Command], _Comm
         [("config", ConfigFile, field(default=None))] if file else []
     )
     for path, setting in every_setting():
-        mark = next(_marks(setting, Option), None)
+        mark = next((part for part in setting.metadata if isinstance(part, Option)), None)
         if mark is not None and any(f"{path}.".startswith(f"{wanted}.") for wanted in paths):
-            name = mark.name or f"--{path.partition('.')[2].replace('_', '-')}"
-            kind, read = _option_type(setting, name, mark.repeats)
-            entry = field(default=None, metadata={"path": path, "option": name, "read": read})
-            # the forms of numbers are checked with the option
-            marks = _parameter(name, setting, mark), *_marks(setting, Numbers)
-            entries.append((path.replace(".", "__"), Annotated[kind, *marks], entry))
+            entries.append((path.replace(".", "__"), *_option_of(path, setting, mark)))
     # cyclopts takes a class without a module of its own for one of Python's, which it does not look into
     given = make_dataclass(
         "GivenSettings", entries, bases=(Settings,), frozen=True, namespace={"__module__": __name__}
@@ -115,44 +111,40 @@ def remapped(pairs: list[str], option: str = "--remap") -> dict[str, str]:
     return {old: new for old, _, new in names}
 
 
-def _marks(setting: FieldInfo, kind: type[_Mark]) -> Iterator[_Mark]:
-    """Yield the marks of one kind in a setting's annotation."""
-    return (part for part in setting.metadata if isinstance(part, kind))
-
-
-def _option_type(
-    setting: FieldInfo, name: str, repeats: bool
-) -> tuple[Any, Callable[[Any], object]]:
-    """Return the type of a setting's option, and the parser of its value.
+def _option_of(path: str, setting: FieldInfo, mark: Option) -> tuple[Any, Any]:
+    """Return the annotation of a setting's option, and its field with the parser of its value.
 
     Switches and words are checked with the option; other text is checked by the model of the settings, as a TOML file is.
     """
+    name = mark.name or f"--{path.partition('.')[2].replace('_', '-')}"
     annotation: Any = setting.annotation
     kinds = [annotation, *get_args(annotation)]
+    kind: Any = str
+    read: Callable[[Any], object] = str
     if bool in kinds or get_origin(annotation) is Literal:
-        return annotation | None, lambda value: value
-    if get_origin(annotation) is dict:
-        return list[str] | None, lambda pairs: remapped(pairs, name)
-    if repeats:
-        return list[str] | None, list
-    several = any(get_origin(kind) is tuple for kind in kinds)
-    return str | None, (lambda text: text.split(",")) if several else str
-
-
-def _parameter(name: str, setting: FieldInfo, mark: Option) -> Parameter:
-    """Return the option of a setting."""
+        kind, read = annotation, lambda value: value
+    elif get_origin(annotation) is dict:
+        kind, read = list[str], partial(remapped, option=name)
+    elif mark.repeats:
+        kind, read = list[str], list
+    elif any(get_origin(kind) is tuple for kind in kinds):
+        read = methodcaller("split", ",")
     default = setting.default
     shown = f" [default: {default}]" if isinstance(default, int | float | str) and default else ""
-    return Parameter(
+    parameter = Parameter(
         name=name,
-        metavar=mark.metavar or ("NUMBER" if "float" in str(setting.annotation) else None),
+        metavar=mark.metavar or ("NUMBER" if "float" in str(annotation) else None),
         allow_leading_hyphen=mark.metavar is not None,
-        allow_repeating=True if setting.annotation is bool else None,
+        allow_repeating=True if annotation is bool else None,
         # the option's own default is that it is not given
         show_default=False,
         help=f"{setting.description}{shown}",
         group=_HEADINGS[mark.heading],
     )
+    # the forms of numbers are checked with the option
+    forms = [part for part in setting.metadata if isinstance(part, Numbers)]
+    entry = field(default=None, metadata={"path": path, "option": name, "read": read})
+    return Annotated[kind | None, parameter, *forms], entry
 
 
 def every_setting(

@@ -122,16 +122,9 @@ def _is_given(options: Mapping[str, Any], location: tuple[int | str, ...]) -> bo
 def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
     """Return the known keys at a location: those of a section, or of a list entry of stated kind."""
     for part in location:
-        if isinstance(part, int) or part not in model.model_fields:
-            continue
-        found = [
-            kind
-            for kind in _models_in(model.model_fields[part].annotation)
-            if _is_kind(kind, location)
-        ]
-        if not found:
-            break
-        model = found[0]
+        if part in model.model_fields:
+            kinds = _models_in(model.model_fields[str(part)].annotation)
+            model = next((kind for kind in kinds if _is_kind(kind, location)), model)
     return list(model.model_fields)
 
 

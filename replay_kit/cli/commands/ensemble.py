@@ -9,20 +9,20 @@ from cyclopts import Parameter
 
 from replay_kit.cli.console import console_beside, part_named, progress
 from replay_kit.cli.options import (
-    FLAG,
     INPUTS,
     MCAP,
     NETCDF,
     OUTPUTS,
     PART_OF_FORECAST,
     TO_OPTIONS,
-    TO_OUTPUTS,
     Answer,
     Ensemble,
     LogIfAny,
     Noise,
     Replacing,
+    Switch,
     option,
+    output,
 )
 from replay_kit.cli.settings import Settings, annotated_toml, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 def fetch(
     *logs: LogIfAny,
     ensemble: Ensemble,
-    out: Annotated[Path | None, option("FORECAST.nc", alias="-o", group=OUTPUTS), NETCDF] = None,
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    out: Annotated[Path | None, output("FORECAST.nc"), NETCDF] = None,
+    answer: Answer = Answer(),
     settings: Settings,
-    dry_run: Annotated[bool, FLAG] = False,
+    dry_run: Switch = False,
 ) -> int:
     """Return exit code 0.
 
@@ -119,6 +119,7 @@ def config(*sections: Annotated[str, Parameter(name="SECTION", group=INPUTS)]) -
     return 0
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
     """Motion and pings of the vehicle.
@@ -139,9 +140,9 @@ class Survey:
 def twin(
     *,
     truth: Annotated[str, option("FILE[#member]", group=INPUTS)],
-    out: Annotated[Path, option("X.mcap", alias="-o", group=OUTPUTS), MCAP],
-    survey: Annotated[Survey, TO_OPTIONS] = Survey(),
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    out: Annotated[Path, output("X.mcap"), MCAP],
+    survey: Survey = Survey(),
+    replacing: Replacing = Replacing(),
     settings: Settings,
 ) -> int:
     """Return exit code 0.
@@ -170,7 +171,7 @@ def synthesize(
     truth: Annotated[Path, option("T.nc", group=OUTPUTS), NETCDF],
     members: Annotated[int, option(least=2)] = 40,
     seed: int = 0,
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0.
 

@@ -7,22 +7,22 @@ from typing import Annotated
 from replay_kit.cli.console import keep_json, progress
 from replay_kit.cli.options import (
     INPUTS,
-    OUTPUTS,
     PART_OF_FORECAST,
     TO_OPTIONS,
-    TO_OUTPUTS,
     Answer,
     Ending,
     Ensemble,
     Processes,
     Truth,
     option,
+    output,
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.files.paths import check_folder, truth_path
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperSizes:
     """Sizes of the study.
@@ -44,11 +44,11 @@ def paper(
     ensemble: Ensemble,
     truth: Truth = None,
     leave_out: Annotated[str | None, option("K,K,...|all|most-distant", group=INPUTS)] = None,
-    out: Annotated[Path, option("DIR", alias="-o", group=OUTPUTS), Ending()],
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    out: Annotated[Path, output("DIR"), Ending()],
+    answer: Answer = Answer(),
     settings: Settings,
-    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
-    sizes: Annotated[PaperSizes, TO_OPTIONS] = PaperSizes(),
+    processes: Processes = Processes(),
+    sizes: PaperSizes = PaperSizes(),
 ) -> int:
     """Return exit code 0.
 

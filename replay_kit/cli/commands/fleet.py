@@ -8,20 +8,18 @@ from replay_kit.cli.commands.ensemble import local_forecast
 from replay_kit.cli.console import keep_json, progress
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
-    FLAG,
     INPUTS,
-    OUTPUTS,
     SOURCES,
     TO_INPUTS,
-    TO_OPTIONS,
-    TO_OUTPUTS,
     Answer,
     ConfigFile,
     Ending,
     Processes,
+    Switch,
     argument,
     flag,
     option,
+    output,
 )
 from replay_kit.config.run import laid_over
 from replay_kit.core.errors import ConfigError
@@ -31,6 +29,7 @@ if TYPE_CHECKING:
     from replay_kit.workflows.fleet.missions import FleetTable
 
 
+@TO_INPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
     """Options common to all missions.
@@ -54,12 +53,12 @@ class Inputs:
 
 def fleet(
     *missions: Annotated[Path, argument("MISSIONS")],
-    inputs: Annotated[Inputs, TO_INPUTS] = Inputs(),
-    out: Annotated[Path, option("DIR", alias="-o", group=OUTPUTS), Ending()],
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
-    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
-    resume: Annotated[bool, FLAG] = False,
-    dry_run: Annotated[bool, FLAG] = False,
+    inputs: Inputs = Inputs(),
+    out: Annotated[Path, output("DIR"), Ending()],
+    answer: Answer = Answer(),
+    processes: Processes = Processes(),
+    resume: Switch = False,
+    dry_run: Switch = False,
 ) -> int:
     """Return the most severe exit code of the missions.
 

@@ -12,7 +12,6 @@ from replay_kit.cli.options import (
     OUTPUTS,
     PART_OF_FORECAST,
     SOURCES,
-    TO_OUTPUTS,
     Answer,
     Ending,
     Ensemble,
@@ -21,6 +20,7 @@ from replay_kit.cli.options import (
     argument,
     flag,
     option,
+    output,
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -47,7 +47,7 @@ def info(
     suggest: Annotated[
         Path | None, option("FILE.toml", group=OUTPUTS), Ending((".toml",), stream=True)
     ] = None,
-    outputs: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    outputs: Answer = Answer(),
     settings: Settings,
 ) -> int:
     """Return exit code 0, or 4 when bytes of a log were lost; raises the error that a replay would end with.
@@ -128,7 +128,7 @@ def info(
 
 
 @takes_settings("logs", "measurements")
-def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = Answer()) -> int:
+def qc(*logs: Log, settings: Settings, answer: Answer = Answer()) -> int:
     """Return the exit code of the report."""
     answer.check([*logs, settings.file])
     config = settings.load()
@@ -145,8 +145,8 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
 @takes_settings("logs.remap", "logs.columns", file=False)
 def convert(
     *logs: Log,
-    out: Annotated[Path, option("OUT.mcap", alias="-o", group=OUTPUTS), MCAP],
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    out: Annotated[Path, output("OUT.mcap"), MCAP],
+    answer: Answer = Answer(),
     settings: Settings,
 ) -> int:
     """Return exit code 0, or 4 when something was lost.
@@ -172,7 +172,7 @@ def verify(
     /,
     *,
     inputs: Annotated[list[Path] | None, option("DIR", group=INPUTS)] = None,
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
 ) -> int:
     """Return exit code 0, 4 when part of the result was lost, or 5 when it could not be reproduced.
 
@@ -202,7 +202,7 @@ def compare(
     second: Annotated[Path, argument("B")],
     /,
     *,
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
 ) -> int:
     """Return exit code 0 when the values are equal, 5 when they differ, 4 when part of a result was lost.
 
@@ -227,8 +227,8 @@ def compare(
 def smooth(
     *logs: Log,
     ensemble: Ensemble,
-    out: Annotated[Path, option("OUT.mcap", alias="-o", group=OUTPUTS), MCAP],
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    out: Annotated[Path, output("OUT.mcap"), MCAP],
+    answer: Answer = Answer(),
     settings: Settings,
 ) -> int:
     """Return the exit code of the summary.
@@ -239,15 +239,11 @@ def smooth(
     answer.check((*logs, *ensemble, settings.file), out)
     config = settings.load()
 
-    from replay_kit.show.summary import print_summary
     from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs
-    from replay_kit.workflows.status import read_status
 
     job = local_forecast(ReplayJob(logs, ensemble, out, overwrite=answer.overwrite), config)
     check_outputs(job, also_read=[settings.file], also_written=[answer.json_file])
     with part_named(out), progress() as advance:
         outcome = smooth_logs(job, config, advance)
-    print_summary(read_status(out)[0], outcome, answer.console(), verbose=answer.verbose)
-    answer.write(outcome.to_json())
-    return outcome.exit_code
+    return answer.tell(out, outcome)

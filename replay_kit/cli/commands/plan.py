@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 from replay_kit.cli.console import progress, write_text
 from replay_kit.cli.options import (
     CHOICES,
-    FLAG,
     MCAP,
     TO_OUTPUTS,
     Answer,
     Ending,
+    Switch,
     argument,
     option,
+    output,
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.config.option import Numbers, numbers
@@ -31,6 +32,7 @@ _UNSAFE = 7
 _ANGLES = Numbers("MIN,MAX")
 
 
+@TO_OUTPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
     """Outputs of ``plan``.
@@ -44,7 +46,7 @@ class Outputs(Answer):
         write_unsafe: Write files even if the plan or its waypoints violate a constraint more often than accepted.
     """
 
-    out: Annotated[Path | None, option("PLAN.mcap", alias="-o"), MCAP] = None
+    out: Annotated[Path | None, output("PLAN.mcap"), MCAP] = None
     geojson: Annotated[Path | None, option("FILE"), Ending((".geojson", ".json"), stream=True)] = (
         None
     )
@@ -54,7 +56,7 @@ class Outputs(Answer):
         option("FILE"),
         Ending((".csv", ".geojson", ".json", ".kml", ".plan", ".ma", ".targets", ".science")),
     ] = None
-    write_unsafe: Annotated[bool, FLAG] = False
+    write_unsafe: Switch = False
 
     def of(self, name: str) -> "Outputs":
         """Return the files of one of several gliders, its name inserted before the ending."""
@@ -76,7 +78,7 @@ def plan(
     *flows: Annotated[Path, argument("FLOW")],
     angles: Annotated[str | None, option("MIN,MAX", group=CHOICES), _ANGLES] = None,
     settings: Settings,
-    outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
+    outputs: Outputs = Outputs(),
 ) -> int:
     """Return exit code 0, also if no goal is reached; 4 for a damaged result; 7 for an exceeded risk or unsafe waypoints.
 

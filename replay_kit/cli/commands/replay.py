@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 from replay_kit.cli.commands.ensemble import local_forecast
 from replay_kit.cli.console import part_named, progress
 from replay_kit.cli.options import (
-    FLAG,
     MCAP,
     NETCDF,
     SOURCES,
@@ -17,8 +16,10 @@ from replay_kit.cli.options import (
     Answer,
     Ensemble,
     Log,
+    Switch,
     Truth,
     option,
+    output,
     place,
 )
 from replay_kit.cli.settings import Settings, takes_settings
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 
+@TO_INPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
     """Inputs of ``replay``, and data to score against.
@@ -51,6 +53,7 @@ class Inputs:
     truth: Truth = None
 
 
+@TO_OUTPUTS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
     """Outputs of ``replay``.
@@ -64,14 +67,15 @@ class Outputs(Answer):
         report: Also write the report, an HTML page named as the result.
     """
 
-    out: Annotated[Path, option("OUT.mcap", alias="-o"), MCAP]
+    out: Annotated[Path, output("OUT.mcap"), MCAP]
     netcdf: Annotated[Path | None, option("GRID.nc"), NETCDF] = None
     save_estimate: Annotated[Path | None, option("FLOW.nc"), NETCDF] = None
     checkpoint: Annotated[Path | None, option("FILE")] = None
-    include_inputs: Annotated[bool, FLAG] = False
-    report: Annotated[bool, FLAG] = False
+    include_inputs: Switch = False
+    report: Switch = False
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Following:
     """Options for following growing logs.
@@ -84,7 +88,7 @@ class Following:
         notify: Shell command that receives each alarm of --follow as a JSON line on standard input.
     """
 
-    follow: Annotated[bool, FLAG] = False
+    follow: Switch = False
     # a look reads the names in a folder
     interval: Annotated[float, option(least=0.1, seconds=True)] = 60.0
     until_idle: Annotated[float | None, option("SECONDS", least=0.0, seconds=True)] = None
@@ -102,11 +106,11 @@ _OF_PLANNER = "kind speed depth radius bathymetry clearance samples"
 )
 def replay(
     *logs: Log,
-    inputs: Annotated[Inputs, TO_INPUTS],
-    outputs: Annotated[Outputs, TO_OUTPUTS],
+    inputs: Inputs,
+    outputs: Outputs,
     settings: Settings,
-    following: Annotated[Following, TO_OPTIONS] = Following(),
-    dry_run: Annotated[bool, FLAG] = False,
+    following: Following = Following(),
+    dry_run: Switch = False,
 ) -> int:
     """Return the exit code of the summary; 0 for a dry run.
 
@@ -238,28 +242,20 @@ def _follow(
             if job.vehicles
             else "--goal-file: cannot be combined with --goal; omit one"
         )
-    from replay_kit.show.summary import print_summary
     from replay_kit.workflows.follow.follow import follow
     from replay_kit.workflows.planning.adapters import planner_of
-    from replay_kit.workflows.status import read_status
 
     outcome = follow(job, config, planner_of, options)
     if outcome is None:
         raise LogError(
             "no log that can be replayed has arrived; check the folder and the messages about its files"
         )
-    print_summary(read_status(outputs.out)[0], outcome, outputs.console())
-    outputs.write(outcome.to_json())
-    return outcome.exit_code
+    return outputs.tell(outputs.out, outcome)
 
 
 def _answer(outputs: Outputs, outcome: "Outcome", page: Path | None) -> int:
-    """Print the summary, write the report and the JSON if they are asked for, and return the exit code."""
-    from replay_kit.show.summary import print_summary
-    from replay_kit.workflows.status import read_status
-
-    console = outputs.console()
-    print_summary(read_status(outputs.out)[0], outcome, console, verbose=outputs.verbose)
+    """Print the summary, write the JSON and the report if they are asked for, and return the exit code."""
+    code = outputs.tell(outputs.out, outcome)
     if page is not None:
         from replay_kit.workflows.report import report
 
@@ -267,6 +263,5 @@ def _answer(outputs: Outputs, outcome: "Outcome", page: Path | None) -> int:
     written = outputs.out, outputs.netcdf, outputs.save_estimate, page
     wrote = f"Wrote      {', '.join(str(path) for path in written if path is not None)}"
     more = "" if outputs.verbose else " (-v: evidence, dives, notes)"
-    console.print(wrote + more * (len(wrote + more) <= 80))
-    outputs.write(outcome.to_json())
-    return outcome.exit_code
+    outputs.console().print(wrote + more * (len(wrote + more) <= 80))
+    return code

@@ -10,12 +10,12 @@ from replay_kit.cli.options import (
     HTML,
     OUTPUTS,
     TO_OPTIONS,
-    TO_OUTPUTS,
     Answer,
     Ending,
     Replacing,
     argument,
     option,
+    output,
     place,
 )
 from replay_kit.config.option import PLACE
@@ -48,8 +48,8 @@ def report(
     result: _Result,
     /,
     *,
-    out: Annotated[Path | None, option("REPORT.html", alias="-o"), HTML] = None,
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    out: Annotated[Path | None, output("REPORT.html"), HTML] = None,
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0, or 4 when part of the result was lost.
 
@@ -68,7 +68,7 @@ def status(
     *results: Annotated[Path, argument("RESULT")],
     html: Annotated[Path | None, option("PAGE.html", group=OUTPUTS), HTML] = None,
     now: Annotated[str | None, option("TIME")] = None,
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    answer: Answer = Answer(),
 ) -> int:
     """Return exit code 0, also with alarms, or 4 when part of a result was lost.
 
@@ -138,6 +138,7 @@ _VEHICLE = Annotated[
 ]
 
 
+@TO_OPTIONS
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
     """Selection and width of a figure.
@@ -164,9 +165,9 @@ def plot(
     ],
     /,
     *,
-    out: Annotated[Path, option("F.png|svg|pdf", alias="-o", group=OUTPUTS), _PICTURES],
-    look: Annotated[Look, TO_OPTIONS] = Look(),
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    out: Annotated[Path, output("F.png|svg|pdf"), _PICTURES],
+    look: Look = Look(),
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0, or 4 when part of the result was lost.
 
@@ -209,11 +210,11 @@ def export(
     result: _Result,
     /,
     *,
-    out: Annotated[Path, option("X.nc|csv|kml|geojson", alias="-o", group=OUTPUTS), _FILES],
+    out: Annotated[Path, output("X.nc|csv|kml|geojson"), _FILES],
     at: Annotated[list[str] | None, option("LON,LAT,DEPTH"), PLACE] = None,
     table: _TABLES | None = None,
     vehicle: _VEHICLE = None,
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0, or 4 when part of the result was lost.
 
@@ -239,8 +240,8 @@ def layout(
     result: _Result,
     /,
     *,
-    out: Annotated[Path, option("LAYOUT.json", alias="-o", group=OUTPUTS), Ending((".json",))],
-    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+    out: Annotated[Path, output("LAYOUT.json"), Ending((".json",))],
+    replacing: Replacing = Replacing(),
 ) -> int:
     """Return exit code 0.
 
