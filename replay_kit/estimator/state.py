@@ -26,10 +26,12 @@ class Doubt:
     Attributes:
         rejected: Whether a part of each was rejected.
         columns: Columns with a rejected part.
+        means: Whether each is of a mean or another linear measurement, not of profiles.
     """
 
     rejected: tuple[bool, ...] = ()
     columns: tuple[Any, ...] = ()
+    means: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

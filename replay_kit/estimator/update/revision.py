@@ -1,8 +1,8 @@
 """Revision of the prior by the log after assimilation, with the formulas of ``evidence.py``.
 
 A **far too narrow** prior rejects valid measurements, and a gate that rejects all would keep a wrong estimate. If most of the first
-measurements and the latest are rejected, the ensemble is at fault: its variance is then multiplied by the likeliest factor, and the
-rejected measurements are assimilated.
+measurements of each kind and the latest are rejected, the ensemble is at fault: its variance is then multiplied by the likeliest factor,
+and the rejected measurements are assimilated. Where one kind agrees with the prior, the other is at fault.
 """
 
 from collections.abc import Callable
@@ -152,7 +152,9 @@ def noted(state: State, updates: list[Update]) -> State:
         if doubt is None or (len(doubt.rejected) + 1 >= _MOST and not rejected):
             return replace(state, doubt=None)
         columns = (*doubt.columns, update.column) if rejected else doubt.columns
-        state = replace(state, doubt=Doubt((*doubt.rejected, rejected), columns))
+        is_mean = update.column.screened.linear is not None
+        more = (*doubt.rejected, rejected), columns, (*doubt.means, is_mean)
+        state = replace(state, doubt=Doubt(*more))
     return state
 
 
@@ -160,5 +162,6 @@ def _is_refuted(doubt: Doubt | None) -> bool:
     """Return whether the first columns refute the prior variance."""
     if doubt is None or len(doubt.rejected) < _LEAST:
         return False
-    most = sum(doubt.rejected) >= _SHARE * len(doubt.rejected)
+    rejected, means = np.array(doubt.rejected), np.array(doubt.means)
+    most = all(rejected[kind].mean() >= _SHARE for kind in (means, ~means) if kind.any())
     return most and sum(doubt.rejected[-4:]) >= _LATEST

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from replay_kit import Observation
 from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build, embed_member
@@ -105,6 +106,23 @@ def test_a_prior_that_is_far_too_narrow_is_widened_and_said(share, stated, refut
     as_given = DEFAULT.model_copy(update={"spread": "as_given"})
     blind = build([narrowed(share)], as_given, GatingConfig())
     assert errors(blind, blind.assimilate(blind.initial(), log)[0])[1] > 5.0
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_means_that_agree_with_the_prior_keep_rejected_profiles_from_widening_it(refused):
+    """Of each dive two wrong profiles and its mean; a prior that is too narrow refuses the means too."""
+    estimator, log = build([narrowed(0.05)], DEFAULT, GatingConfig()), sound(24, 0.02, 0.02)
+    flow, both, hour = estimator.flow(estimator.initial()), [], 3600 * 10**9
+    for k, one in enumerate(log[::2]):
+        place = one.longitude, one.latitude
+        wrong = [replace(each, velocity=each.velocity + 2.0) for each in log[2 * k : 2 * k + 2]]
+        true = flow.velocity_at(*place, np.linspace(0.0, 100.0))
+        begin = 450_000 * hour + k * hour
+        ends = ((begin + part * hour // 4, *place) for part in (1, 2))
+        mean = Observation.mean(*ends, 100.0, true.u.mean() + refused, true.v.mean(), 0.02)
+        both += [*(replace(each, time_ns=begin) for each in wrong), mean]
+    state, _ = estimator.assimilate(estimator.initial(), both)
+    assert (state.scale > 1.0) == refused
 
 
 def test_an_instrument_that_fails_at_first_does_not_widen_the_prior():
