@@ -132,13 +132,13 @@ def make_plans(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Togeth
             break
         alone |= {"start_time": time_text(time_ns), "time_limit": limit}
         each.append(_made(job.model_copy(update=alone), config, on).planned[""])
-    best = each[best_departure([one.plan for one in each])]
+    k = best_departure([one.plan for one in each])
     if job.waypoints or job.held:
-        alone = {"depart": None, "start_time": best.job.start_time}
-        best = _made(job.model_copy(update=alone), config, on).planned[""]
+        alone = {"depart": None, "start_time": each[k].job.start_time}
+        each[k] = _made(job.model_copy(update=alone), config, on).planned[""]
     left = len(job.departures_ns) - len(each)
     notes = (f"--time-limit excluded the last {left} departures",) * bool(left)
-    best = replace(best, departures=tuple(each), notes=(*notes, *best.notes))
+    best = replace(each[k], departures=tuple(each), notes=(*notes, *each[k].notes))
     return Together({"": best}, {})
 
 

@@ -198,7 +198,12 @@ def test_waiting_for_a_shorter_way_is_advised_only_to_those_who_ask_for_the_shor
 
 def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
     result, page = tmp_path / "plan.mcap", tmp_path / "plan.html"
-    ask(saved, f"--samples 5 --depart {clock(0)},{clock(8)},8h -o {result}")
+    files = f"--waypoints {tmp_path}/list.csv --write-unsafe --json {tmp_path}/plan.json"
+    ask(saved, f"--samples 5 --depart {clock(0)},{clock(8)},8h -o {result} {files}")
+    plan = json.loads((tmp_path / "plan.json").read_text())
+    # of the one that is planned the odds along its waypoints
+    assert plan["departures"][0]["best"] == ["planned", "arrives first"]
+    assert plan["departures"][0]["reached"] == plan["samples"]["reached"]
     said = [json.loads(row) for row in metadata_of(result)["departures"].values()]
     assert [0.0 <= row["reached"] <= 1.0 for row in said] == [True, True]
     succeed(f"report {result} -o {page}")
