@@ -138,6 +138,7 @@ def _check_together(request: PlanRequest) -> None:
         if given(option) and beside:
             raise ConfigError(
                 f"{_option(option)}: cannot be combined with {beside}; leave one of them out"
+                + "; of a result of several vehicles --goal NAME= plans one" * (option == "glider")
             )
     if (request.mooring or request.line) and len(request.goal) > 1:
         raise ConfigError("--goal: expected one with --mooring and --line")
