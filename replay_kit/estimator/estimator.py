@@ -38,6 +38,9 @@ _SPAN = 0.001
 _LATE_NS = 1_200_000_000_000
 _NS = 1e9
 
+#: End of the note on a prior that was far too narrow.
+HARDLY = "the ensemble hardly covers this current"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedBasisEstimator(Estimator[State]):
@@ -272,8 +275,7 @@ class ReducedBasisEstimator(Estimator[State]):
         extras, found = self.observer.extras, list[str]()
         if state.scale != 1.0:
             words = f"the variance of the ensemble was multiplied by {state.scale:.2g}, as the measurements show"
-            narrow = "; the ensemble hardly covers this current" if state.scale > 4.0 else ""
-            found.append(words + narrow)
+            found.append(f"{words}; {HARDLY}" if state.scale > 4.0 else words)
         if extras is None:
             return found
         last = slice(self.observer.size - extras.std.size, None)

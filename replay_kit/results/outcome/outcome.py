@@ -63,7 +63,7 @@ class Outcome:
         notes: Notes for the user.
         lost_pings: Description of excluded pings, if they are many and a setting would keep them; else empty.
         doubts: Questions that the measurements cannot answer.
-        outside: Reasons why the forecast is not of this region or time.
+        outside: Reasons why the forecast is not of this region or time, or hardly covers the current.
         vehicles: Outcome of each vehicle by name, if several share the estimate; the other figures then cover all.
         unused: Vehicles without influence on the estimate, with the reason.
         exit_codes: All that apply, that of the run first; empty for 0.

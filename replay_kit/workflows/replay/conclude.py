@@ -19,6 +19,7 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation.evidence import Evidence
 from replay_kit.core.region import bounds_of
 from replay_kit.estimator import embed_member
+from replay_kit.estimator.estimator import HARDLY
 from replay_kit.forecast.members.rules import Elsewhere
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
 from replay_kit.results.outcome.outcome import Outcome, made
@@ -61,16 +62,19 @@ def conclude(
     kernel = flow.horizontal.kernel
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
+    remarks = estimator.remarks(run.current)
+    narrow = [text for text in remarks if text.endswith(HARDLY)]
     no_goal = "no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"
     # biases are one instrument's
     notes = [
         basis,
         *estimator.notes(),
-        *estimator.remarks(run.current),
+        *remarks,
         *[no_goal] * (not job.goals),
     ]
     notes = [*notes, *values["notes"]] if job.vehicles else [*values["notes"], *notes]
-    values = {**values, "notes": [*inputs.forecasts.notes, *notes]}
+    notes = [*inputs.forecasts.notes, *notes]
+    values = {**values, "notes": notes, "outside": [*values["outside"], *narrow]}
     outcome = made(values, (*job.logs, *job.forecasts))
     with run.clock.stage("write"):
         _write(run, inputs, outcome, found, flow, windows)
