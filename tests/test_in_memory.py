@@ -47,6 +47,17 @@ def _replayed(forecast, **parts):
     return rk.replay([*_profiles(4)], forecast, settings=SETTINGS, **parts)
 
 
+def test_an_estimate_whose_ensemble_hardly_covers_the_current_is_used_with_care():
+    sea = _dataset()
+    narrow = (sea.mean("member") + 0.05 * (sea - sea.mean("member"))).transpose(*sea.uo.dims)
+    for name in sea.data_vars:
+        narrow[name].attrs = sea[name].attrs
+    outcome = rk.replay([*_profiles(20)], narrow, settings={"estimator": {"modes": 6}}).outcome
+    assert outcome.verdict.word == "with care"
+    assert "multiplied by 260, as" in outcome.verdict.reasons[-1]
+    assert "hardly covers this current" in outcome.outside[0]
+
+
 def test_measurements_and_a_dataset_give_what_their_files_give(tmp_path):
     profiles = [*_profiles()]
     out = tmp_path / "a.mcap"

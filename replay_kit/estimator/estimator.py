@@ -274,7 +274,7 @@ class ReducedBasisEstimator(Estimator[State]):
         """Return notes on estimated instrument errors."""
         extras, found = self.observer.extras, list[str]()
         if state.scale != 1.0:
-            words = f"the variance of the ensemble was multiplied by {state.scale:.2g}, as the measurements show"
+            words = f"the variance of the ensemble was multiplied by {float(f'{state.scale:.2g}'):g}, as the measurements show"
             found.append(f"{words}; {HARDLY}" if state.scale > 4.0 else words)
         if extras is None:
             return found
