@@ -247,6 +247,11 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
     assert str(first) == "TRUST      9 of 10 simulated flights arrive (9 required)"
 
 
+def test_a_title_names_one_of_several_vehicles():
+    found = held(outcome=Outcome(mission="SG249 mission 2"))
+    assert title(status_of(found, vehicle="sgA")).startswith("sgA, dive 7: ")
+
+
 def test_a_heading_is_true_and_by_the_compass_of_a_vehicle_whose_declination_is_known():
     flown = AsFlown(0.3, 20.0, 500.0, 14_400.0, 5, declination=-100.0)
     status = status_of(held(plans=[plan(END_NS)], metadata={AS_FLOWN: flown.to_record()}))
