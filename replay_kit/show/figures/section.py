@@ -194,7 +194,7 @@ def series_figure(contents: Contents, at: At | None) -> Figure:
             marks.append(Mark("band", np.append(times, times[::-1]), both, name))
         elif np.isfinite(errors).any():
             marks.append(Mark("points", times[-1:], values[-1:], name, size=4.5, error=errors[-1:]))
-        where, axis = f"{component} current, {place}, {shown:g} m", Axis(f"${key}$", "m/s")
+        where, axis = f"{component}, {place}, {shown:g} m", Axis(f"${key}$", "m/s")
         panels.append(Panel(where, _TIME, axis, marks, 0.5, level=0.0))
     return Figure("series", title, panels, notes=notes)
 

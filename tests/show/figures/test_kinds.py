@@ -27,7 +27,7 @@ AT_77 = Chosen((5.0, 62.0, 77.0))
     [
         ("map", 2, "(b) standard error"),
         ("section", 8, "(d) estimated, northward"),
-        ("series", 2, "(a) eastward current, 5.0300 E, 62.0060 N, 0.5 m"),
+        ("series", 2, "(a) eastward, 5.0300 E, 62.0060 N, 0.5 m"),
         ("dac", 0, "The result holds no mean current of a dive"),
         ("trust", 4, "(c) innovations over their standard deviation"),
         ("plan", 2, "heading 45° true, glide angle 20.0°, 1.0 h, misses the goal by 12 m."),
@@ -93,7 +93,7 @@ def test_the_place_and_depth_asked_for_are_those_of_map_and_series(
 ):
     assert "(a) 77 m, " in words(drawn(contents, "map", AT_77))
     said = words(drawn(contents, "series", AT_77))
-    assert "(a) eastward current, 5.0000 E, 62.0000 N, 77 m" in said
+    assert "(a) eastward, 5.0000 E, 62.0000 N, 77 m" in said
     far = words(drawn(contents, "series", Chosen((6.0, 62.0, 10.0))))
     assert "is on land, below the bottom, or outside the region" in far
     lacking = without_estimate(tmp_path / "case.mcap", flow, innovation, plan)
