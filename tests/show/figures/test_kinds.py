@@ -15,7 +15,7 @@ from replay_kit.show.figures.draw import ENDINGS, saved
 from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.figures.map import Chosen
 from replay_kit.show.figures.section import QUANTITIES, limits_of
-from tests.results.cases import across_the_antimeridian, without_estimate
+from tests.results.cases import across_the_antimeridian, one_bin, without_estimate, write
 from tests.show.figures.texts import words
 from tests.synthetic_flow import synthetic_flow
 
@@ -61,6 +61,13 @@ def test_a_map_across_the_antimeridian_is_continuous(tmp_path, flow, innovation,
     # as wide as its middle latitude makes a degree
     middle = np.cos(np.deg2rad(np.mean(axes.get_ylim())))
     assert axes.get_aspect() == pytest.approx(1.0 / middle, rel=1e-6)
+
+
+def test_bars_of_dives_are_the_standard_errors_of_what_was_measured(tmp_path, flow, innovation):
+    mean = {"mean_current": np.array([0.1, -0.2]), "mean_kind": "dac", "mean_std": 0.01}
+    contents = write(tmp_path / "r.mcap", flow, [one_bin(innovation, **mean)], None)
+    (bars,) = contents.result.plot.dac().axes[0].collections
+    assert np.ptp(bars.get_segments()[0][:, 1]) == pytest.approx(0.02)
 
 
 def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
