@@ -9,6 +9,8 @@ from replay_kit.show.export import TABLES
 contents = Contents(rk.open_result(sys.argv[1]))
 dives = TABLES["dives"](contents, ()).dropna(subset="dac_eastward_measured")
 number = int(sys.argv[2]) if len(sys.argv) > 2 else int(dives["dive"].iloc[-1])
+if number not in (known := dives["dive"].tolist()):
+    sys.exit(f"dive {number} has no mean current; choose one of {', '.join(map(str, known))}")
 (dive,) = dives[dives["dive"] == number].itertuples()
 bins = TABLES["section"](contents, ())
 print(f"dive {number}, {dive.start:%Y-%m-%d %H:%M} to {dive.end:%H:%M} UTC: current [cm/s]")

@@ -110,7 +110,11 @@ class Difference:
             attrgetter("name", "rows", "columns"), self.tables
         ):
             yield from [f"table {name}: {rows} | {others} rows"] * (rows != others)
-            yield from (f"table {name}: {k} differs by {v:.3g}" for k, v in columns.items())
+            for column, off in columns.items():
+                said = (
+                    f"differs by {off:.3g}" if off < np.inf else "has values that one of them lacks"
+                )
+                yield f"table {name}: {column} {said}"
         yield from self.findings
 
 

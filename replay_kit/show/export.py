@@ -153,8 +153,9 @@ def export(
     if table == "series" and not places:
         raise ConfigError("series: expected one or more places, got none; give --at LON,LAT,DEPTH")
     if table is not None and table not in ENDINGS[ending]:
+        holding = [one for one, held in ENDINGS.items() if table in held] or [".nc"]
         raise ConfigError(
-            f"table: expected one of {', '.join(ENDINGS[ending])} in {ending}, got '{table}'; .nc and .csv hold the others"
+            f"{path}: expected a name that ends in {' or '.join(holding)} for the table {table}, got {ending}; choose another name"
         )
     names = ENDINGS[ending] if table is None else (table,)
     if ENDINGS[ending] == _MAPPED:

@@ -27,7 +27,7 @@ def read_status(
     with sound_result(path) as sound:
         reader = ResultReader(sound.path, opened=sound.file)
         each = read_each(reader)
-        found = {name: status_of(held, now_ns) for name, held in each.items()}
+        found = {name: status_of(held, now_ns, name) for name, held in each.items()}
         return found, reader.outcome, sound
 
 

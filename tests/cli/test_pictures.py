@@ -78,6 +78,8 @@ def test_the_script_of_a_dives_current(folder, capsys):
     measured = [float(word) for word in lines[1].split()[-2:]]
     # the dive's mean current in the log is 1.5 and 23.0 cm/s; the mean of the estimate through time stands for that along the path
     assert measured == pytest.approx([1.5, 23.0], abs=0.4)
+    with pytest.raises(SystemExit, match="dive 99 has no mean current; choose one of 1"):
+        script(capsys, "dive_current.py", folder / "r.mcap", 99)
 
 
 def test_the_script_of_the_next_three_days(folder, capsys):

@@ -158,7 +158,8 @@ def test_surfacings_have_points_and_counter_clockwise_ellipses(tmp_path, innovat
         ("x.xls", None, r"ends in one of \.nc, \.csv, \.kml, \.geojson, got '\.xls'"),
         ("x.csv", "tracks", "expected one of series, track, .*, estimate, got 'tracks'"),
         ("x.csv", "series", "series: expected one or more places, got none"),
-        ("x.kml", "section", r"one of series, track, surfacings, plans in \.kml, got 'section'"),
+        ("x.kml", "section", r"ends in \.nc or \.csv for the table section, got \.kml"),
+        ("x.csv", "estimate", r"ends in \.nc for the table estimate, got \.csv"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(contents, tmp_path, name, table, message):

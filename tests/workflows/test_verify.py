@@ -82,6 +82,15 @@ def test_a_value_that_differs_is_named_with_its_table_and_size(run, tmp_path, to
     assert field == "nis" or by(1e-12).same
 
 
+def test_a_value_that_one_of_them_lacks_is_no_number(run, tmp_path):
+    def lack(message):
+        message.nis[0] = float("nan")
+
+    other = changed(run / "out.mcap", tmp_path / "other.mcap", "/flow/innovation", lack)
+    said = str(difference(run / "out.mcap", other))
+    assert said == "table observations: nis has values that one of them lacks"
+
+
 def test_other_settings_and_versions_than_recorded_are_found(run, tmp_path):
     path = changed(
         run / "out.mcap",

@@ -135,8 +135,9 @@ def dives_figure(contents: Contents) -> Figure:
     times, about = means.index.to_numpy(), {"text": means["dive"].to_numpy()}
     panels = []
     for end, component in zip(("east", "north"), COMPONENTS.values(), strict=True):
-        std, marks = means[f"innovation_std_{end}"].to_numpy(np.float64), []
+        marks = []
         for part in parts:
+            std = means[f"mean_current_{part}_standard_error"].to_numpy(np.float64)
             error = {} if part == "estimated" else {"error": std}
             values = means[f"mean_current_{part}_{end}"].to_numpy(np.float64)
             marks.append(Mark(x=times, y=values, name=part, **looks[part], **about, **error))
@@ -144,7 +145,7 @@ def dives_figure(contents: Contents) -> Figure:
         panels.append(Panel(f"dives' mean current, {component}", *axes, marks, 0.55, level=0.0))
     circles = "Open circles: corrected for the flight model's error, as the estimate uses them. "
     caption = (
-        "Points: mean current measured over each dive; bars: one standard deviation. "
+        "Points: mean current measured over each dive; bars: its own standard error, where known. "
         f"{circles if corrected else ''}Line: mean of the estimate "
         "over the positions of the dive, just after the update. Points that stay on one side of the line show a bias."
     )
@@ -194,7 +195,7 @@ def series_figure(contents: Contents, at: At | None) -> Figure:
             marks.append(Mark("band", np.append(times, times[::-1]), both, name))
         elif np.isfinite(errors).any():
             marks.append(Mark("points", times[-1:], values[-1:], name, size=4.5, error=errors[-1:]))
-        where, axis = f"{component} current, {place}, {shown:g} m", Axis(f"${key}$", "m/s")
+        where, axis = f"{component}, {place}, {shown:g} m", Axis(f"${key}$", "m/s")
         panels.append(Panel(where, _TIME, axis, marks, 0.5, level=0.0))
     return Figure("series", title, panels, notes=notes)
 

@@ -284,7 +284,7 @@ def trust_section(contents: Contents) -> Section:
             parts[head] = [key for key in light.figures if key in figures]
     placed = [figures[key] for keys in parts.values() for key in keys]
     judged = outcome.unjudged and f"No verdict: {outcome.unjudged}"
-    answer = f"{escape(judged or str(outcome.verdict).capitalize())}."
+    answer = escape(_sentence(judged or str(outcome.verdict)))
     title = "How far can it be trusted?"
     return Section("trust", title, html, placed, missing, "Trust", answer, parts=parts)
 

@@ -155,7 +155,7 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
         contents: Contents of the result.
         pages: File names of the vehicles' pages by vehicle.
     """
-    outcome, span = contents.outcome, contents.span_ns
+    outcome, span, verdict = contents.outcome, contents.span_ns, str(contents.outcome.verdict)
     links = {name: f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in pages.items()}
     rows = [
         (links.get(str(name), escape(str(name))), *(Sentence([cell]).html for cell in rest))
@@ -163,7 +163,7 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
     ]
     briefs = [f"{name}: {used} observations; {verdict}" for name, used, *_, verdict in rows]
     card = (
-        f"<h3>{escape(str(outcome.verdict).capitalize())}</h3>"
+        f"<h3>{escape(verdict[:1].upper() + verdict[1:])}</h3>"
         f"{items_html([*map(escape, outcome.basis)])}<h3>Vehicles</h3>{items_html(briefs)}"
     )
     said = [

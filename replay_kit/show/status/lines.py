@@ -4,6 +4,7 @@ Each number is a figure of the status.
 """
 
 import math
+import re
 import textwrap
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -24,6 +25,12 @@ from replay_kit.show.status.status import Status
 WIDTH, _LABEL = 80, 11
 #: What a predicted surfacing relies on.
 BASIS = {"plan": "if it flies this plan", "last_dive": "as the last dive"}
+
+# Reasons that the odds of a plan say with numbers, and ends that a shortened text does not keep.
+_OF_PLAN = re.compile("the plan |simulated flight")
+_DANGLING = re.compile(
+    "( (a|an|the|of|to|by|in|at|on|for|from|with|and|or|against|before|after))+$"
+)
 
 
 class Line(NamedTuple):
@@ -48,87 +55,112 @@ def title(status: Status) -> str:
     if (at := status.figures.get("position")) is None:
         return name
     old = f"{hours_text(at['age_s'])} ago" if at["age_s"] >= 60.0 else "now"
-    text = str(sentence(f"[, dive {{dive}}]: fix {{place}} {{since:clock}} UTC, {old}", at))
-    return f"{name[: WIDTH - len(text)]}{text}"
+    for what in ("fix ", ""):
+        form = f"[, dive {{dive}}]: {what}{{place}} {{since:clock}} UTC, {old}"
+        text = str(sentence(form, at))
+        if len(name) + len(text) <= WIDTH:
+            break
+    return f"{_shortened(name, WIDTH - len(text))}{text}"
 
 
-def lines(status: Status) -> list[Line]:
-    """Return the summary: verdict with reasons, then the answers."""
-    found = [_first(status)]
+def lines(status: Status, room: int = WIDTH - _LABEL) -> list[Line]:
+    """Return the summary: verdict with reasons, then the answers.
+
+    Args:
+        status: Status.
+        room: Most letters of what a line says; a page wraps its lines.
+    """
+    found = [_first(status, room)]
     for key, make in _LINES.items():
         if values := status.figures.get(key):
-            for label, form, fields, at in make(values):
+            for label, form, fields, at in make(values, room):
                 found.append(Line(label, sentence(form, fields, f"{key}.{at}")))
     return found
 
 
-def _first(status: Status) -> Line:
+def _first(status: Status, room: int) -> Line:
     """Return the first line: an alarm outside the verdict, otherwise the verdict, with the reasons that fit."""
     fit, odds = (status.figures.get(key, {}) for key in ("fit", "odds"))
     texts = [alarm.text for alarm in status.alarms if alarm.kind not in ("plan", "consistency")]
     label = "ALARM" if texts else (fit.get("verdict") or "no verdict").upper()
-    findings, said = fit.get("findings", ()), _odds_sentence(odds)
+    findings, odds_said = fit.get("findings", ()), str(said := _odds_sentence(odds))
+    plan = odds.get("status")
     severe = [one for one in findings if one["severity"] != "warning"]
-    # the odds say it with numbers, but not that a plan must not be flown
-    numbers = said.parts and odds["status"] != "unsafe"
     named = [one["name"] for one in findings]
+    reasons = [text for text in fit.get("reasons", ()) if text not in named]
+    of_plan = [text for text in reasons if _OF_PLAN.search(text)]
+    others = [text for text in reasons if text not in of_plan]
+    if not of_plan and plan not in (None, "reached"):
+        of_plan = [f"plan {plan}"]
+    # the odds say it with numbers, but not that a plan must not be flown
+    if of_plan and odds_said and plan != "unsafe":
+        of_plan = [odds_said]
     texts += [
         *(f"{one['name']}: {one['evidence']}" for one in severe),
-        *(
-            text
-            for text in fit.get("reasons", ())
-            if text not in named and not (numbers and "plan" in text)
-        ),
+        *others,
         *(one["name"] for one in findings if one not in severe),
-        *([str(said)] if said.parts else []),
+        *of_plan,
     ]
+    # odds that are no reason are said where they fit
+    more = [odds_said] if odds_said and odds_said not in texts else []
     known = "no contradiction found" if fit.get("verdict") else fit.get("unjudged", "")
-    text = fitting(texts or [known], WIDTH - _LABEL)
-    end = said.parts if text.endswith(str(said)) else ()
-    return Line(label, Sentence([text.removesuffix(str(said)) if end else text, *end]))
+    whole = "; ".join([*texts, *more]) or known
+    text = whole if len(whole) <= room else fitting(texts or [whole], room)
+    end = said.parts if odds_said and text.endswith(odds_said) else ()
+    return Line(label, Sentence([text.removesuffix(odds_said) if end else text, *end]))
 
 
-def fitting(texts: Sequence[str], width: int) -> str:
-    """Return the texts that fit into a width, the first one shortened if too long, to its first clause, and the number omitted."""
+def fitting(texts: Sequence[str], room: int) -> str:
+    """Return the texts that fit, the first one shortened if too long, and the number omitted."""
     for kept in range(len(texts), 0, -1):
         left = f"; {len(texts) - kept} more: -v" if kept < len(texts) else ""
         text = "; ".join(texts[:kept])
-        if len(text) + len(left) <= width:
+        if len(text) + len(left) <= room:
             return text + left
-    cut = textwrap.shorten(texts[0].partition(";")[0], width - len(left) - 4, placeholder="")
-    return f"{cut}: -v{left}" if len(texts) == 1 else f"{cut}{left}"
+    left = left or ": -v"
+    return f"{_shortened(texts[0], room - len(left))}{left}"
+
+
+def _shortened(text: str, room: int) -> str:
+    """Return a text, if too long its first clauses or words, with an ellipsis."""
+    if len(text) <= room:
+        return text
+    room -= len(" ...")
+    ends = [at.start() for at in re.finditer("[:;,]? ", text[: room + 2])] or [room]
+    # what follows a colon says more of the same
+    clauses = [end for end in ends if text[end] in ";," and 2 * end > room]
+    return f"{_DANGLING.sub('', text[: (clauses or ends)[-1]])} ..."
 
 
 def _odds_sentence(odds: Values) -> Sentence:
-    """Return the odds, or the status of a plan without them; empty without a plan or where the mean arrives."""
-    if "reached" in odds:
-        asked = odds["asked"] and math.ceil(odds["asked"] * odds["samples"] - 1e-9)
-        need = f" ({asked} required)" if asked else ""
-        return sentence(f"{{arrived}} of {{samples}} simulated flights arrive{need}", odds, "odds.")
-    lacks = odds.get("status") not in (None, "reached")
-    return Sentence([f"plan {odds['status']}"] if lacks else [])
+    """Return the odds of a plan; empty without any."""
+    if "reached" not in odds:
+        return Sentence([])
+    asked = odds["asked"] and math.ceil(odds["asked"] * odds["samples"] - 1e-9)
+    need = f" ({asked} required)" if asked else ""
+    return sentence(f"{{arrived}} of {{samples}} simulated flights arrive{need}", odds, "odds.")
 
 
 # Label, template, its fields and their path within the answer.
 _Said = Iterator[tuple[str, str, Mapping[str, Any], str]]
 
 
-def _steer(values: Values) -> _Said:
+def _steer(values: Values, room: int) -> _Said:
     form = (
         "{heading_deg:course}° true[, {magnetic_heading_deg:course}° magnetic][ to {place}][, {depth_m:,.0f} m]"
         "[, {glide_angle_deg:.0f}°][, {speed:.2f} m/s]"
     )
     whole = f"{form} ({values['dives'].partition(':')[0] or 'as set'})"
-    fits = len(str(sentence(whole, values))) <= WIDTH - _LABEL
+    fits = len(str(sentence(whole, values))) <= room
     if values["heading_deg"] is None:
         form = "{said}"
-        said = fitting([f"no command: {values['message']}"], WIDTH - _LABEL)
+        said = fitting([f"no command: {values['message']}"], room)
         yield "Steer", form, {"said": said}, ""
     else:
         yield "Steer", whole if fits and values["speed"] is not None else form, values, ""
 
 
-def _arrival(values: Values) -> _Said:
+def _arrival(values: Values, room: int) -> _Said:
     if values.get("duration_s") is None:
         return
     label, text = "Arrive", "{arrival:clock} UTC in the mean current"
@@ -144,7 +176,7 @@ def _arrival(values: Values) -> _Said:
     yield label, f"{text} ({{duration_s:span}}{legs})", values, ""
 
 
-def _surfacing(values: Values) -> _Said:
+def _surfacing(values: Values, room: int) -> _Said:
     one, other = values.get("next"), values.get("other")
     form = "{} {{place}}[ ± {{major_m:km}}] {}".format
     if one is not None:
@@ -155,7 +187,7 @@ def _surfacing(values: Values) -> _Said:
         yield "  or", form(at, BASIS[other["basis"]]), other, "other."
 
 
-def _goal(values: Values) -> _Said:
+def _goal(values: Values, room: int) -> _Said:
     form = "{distance_km:,.1f} km away"
     if values["made_good"]:
         word = "receding" if values["made_good"][0]["km_a_day"] < 0.0 else "approaching"
@@ -163,7 +195,7 @@ def _goal(values: Values) -> _Said:
     yield "Goal", form, values, ""
 
 
-def _current(values: Values) -> _Said:
+def _current(values: Values, room: int) -> _Said:
     name = "corrected" if "corrected" in values else "measured"
     dive = f"dive {values['dive']}" if values["dive"] else "last"
     if (one := values.get(name)) is not None:
@@ -181,7 +213,7 @@ def _velocity(one: Mapping[str, float]) -> str:
     return f"{100.0 * speed:.1f} cm/s to {round(toward) % 360:03d}°"
 
 
-def _fit(values: Values) -> _Said:
+def _fit(values: Values, room: int) -> _Said:
     if values["verdict"] is None:
         return
     rms, counts = values["rms_innovation"], values["observations"]
@@ -194,21 +226,23 @@ def _fit(values: Values) -> _Said:
     form = f"{{used:,}} of {total:,} observations used"
     if counts["profile_bins"] and (why := counts["bins_rejected"]):
         out = sum(why.values())
-        form += f"; {out:,} of {out + counts['profile_bins']:,} bins "
-        room = WIDTH - _LABEL - len(str(sentence(form, counts)))
-        form += reasons_text(sorted(why, key=lambda name: -why[name]), room)
+        form += f"; of {out + counts['profile_bins']:,} bins "
+        each = sorted(why, key=lambda name: -why[name])
+        words = [f"{why[name]:,} {name.replace('_', ' ')}" for name in each]
+        form += _listed(words, room - len(str(sentence(form, counts)))) or f"{out:,} not used"
     yield "Data", form, counts, "observations."
 
 
-def reasons_text(reasons: Iterable[str], room: int) -> str:
-    """Return the reasons for excluded bins that fit into a width."""
-    words = [name.replace("_", " ") for name in reasons]
-    tails = [", ...", ""]
-    texts = (f"{', '.join(words[:n])}{tails[n == len(words)]}" for n in range(len(words), 0, -1))
-    return next((text for text in texts if len(text) <= room), "excluded")
+def _listed(words: Sequence[str], room: int) -> str:
+    """Return the first words, as many as fit."""
+    for kept in range(len(words), 0, -1):
+        text = f"{', '.join(words[:kept])}{', ...' * (kept < len(words))}"
+        if len(text) <= room:
+            return text
+    return ""
 
 
-_LINES: Mapping[str, Callable[[Values], _Said]] = {
+_LINES: Mapping[str, Callable[[Values, int], _Said]] = {
     **{"command": _steer, "odds": _arrival, "surfacing": _surfacing},
     **{"goal": _goal, "current": _current, "fit": _fit},
 }
@@ -376,7 +410,9 @@ def several_page(
 
 
 def _brief(status: Status) -> str:
-    rows = (f"<dt>{escape(one.label)}</dt><dd>{one.said.html}</dd>" for one in lines(status))
+    rows = (
+        f"<dt>{escape(one.label)}</dt><dd>{one.said.html}</dd>" for one in lines(status, 10_000)
+    )
     return f"<dl>{''.join(rows)}</dl>"
 
 

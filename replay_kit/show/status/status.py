@@ -36,7 +36,7 @@ class Status(NamedTuple):
     """Figures and alarms of a result.
 
     Attributes:
-        name: Name of the vehicle and its mission, otherwise of the result.
+        name: Name of one of several vehicles, otherwise of the vehicle and its mission, or of the result.
         now_ns: Reference time of ages [ns, UTC].
         alarms: Alarms.
         figures: Known answers of ``status --json``: ``position``, ``goal``, ``current``, ``surfacing``, ``command``, ``odds``, ``forecast``
@@ -49,12 +49,13 @@ class Status(NamedTuple):
     figures: Mapping[str, Any]
 
 
-def status_of(held: Held, now_ns: int | None = None) -> Status:
+def status_of(held: Held, now_ns: int | None = None, vehicle: str = "") -> Status:
     """Return the status of a result.
 
     Args:
         held: Data of the result.
         now_ns: Present time [ns, UTC]; None for the last time of the result.
+        vehicle: Name of one of several vehicles; empty for a single one.
     """
     now = held.last_ns if now_ns is None else now_ns
     answers = {key: values for key, answer in _ANSWERS.items() if (values := answer(held, now))}
@@ -69,7 +70,7 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
         "last": time_text(held.last_ns),
         "alarms": [alarm.record() for alarm in alarms],
     }
-    return Status(mission or held.name, now, alarms, {**about, **answers})
+    return Status(vehicle or mission or held.name, now, alarms, {**about, **answers})
 
 
 def _position(held: Held, now_ns: int) -> Values:

@@ -315,7 +315,7 @@ class Follower:
         wall_ns, statuses, options = self._clock.now_ns(), dict[str, Status](), self._options
         for name, held in self._held.items():
             under_way = 0 <= wall_ns - held.last_ns < _UNDER_WAY_NS
-            statuses[name] = status_of(held, wall_ns if under_way else None)
+            statuses[name] = status_of(held, wall_ns if under_way else None, name)
         if statuses != self._shown:
             write_pages(statuses, self._made, options.status, max(int(options.interval_s), 5))
             self._shown = statuses

@@ -15,7 +15,7 @@ from replay_kit.show.figures.draw import ENDINGS, saved
 from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.figures.map import Chosen
 from replay_kit.show.figures.section import QUANTITIES, limits_of
-from tests.results.cases import across_the_antimeridian, without_estimate
+from tests.results.cases import across_the_antimeridian, one_bin, without_estimate, write
 from tests.show.figures.texts import words
 from tests.synthetic_flow import synthetic_flow
 
@@ -27,7 +27,7 @@ AT_77 = Chosen((5.0, 62.0, 77.0))
     [
         ("map", 2, "(b) standard error"),
         ("section", 8, "(d) estimated, northward"),
-        ("series", 2, "(a) eastward current, 5.0300 E, 62.0060 N, 0.5 m"),
+        ("series", 2, "(a) eastward, 5.0300 E, 62.0060 N, 0.5 m"),
         ("dac", 0, "The result holds no mean current of a dive"),
         ("trust", 4, "(c) innovations over their standard deviation"),
         ("plan", 2, "heading 45° true, glide angle 20.0°, 1.0 h, misses the goal by 12 m."),
@@ -63,6 +63,13 @@ def test_a_map_across_the_antimeridian_is_continuous(tmp_path, flow, innovation,
     assert axes.get_aspect() == pytest.approx(1.0 / middle, rel=1e-6)
 
 
+def test_bars_of_dives_are_the_standard_errors_of_what_was_measured(tmp_path, flow, innovation):
+    mean = {"mean_current": np.array([0.1, -0.2]), "mean_kind": "dac", "mean_std": 0.01}
+    contents = write(tmp_path / "r.mcap", flow, [one_bin(innovation, **mean)], None)
+    (bars,) = contents.result.plot.dac().axes[0].collections
+    assert np.ptp(bars.get_segments()[0][:, 1]) == pytest.approx(0.02)
+
+
 def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
     axes = Figure().add_subplot()
     figure = contents.result.plot.trust(axes, panel=1)
@@ -93,7 +100,7 @@ def test_the_place_and_depth_asked_for_are_those_of_map_and_series(
 ):
     assert "(a) 77 m, " in words(drawn(contents, "map", AT_77))
     said = words(drawn(contents, "series", AT_77))
-    assert "(a) eastward current, 5.0000 E, 62.0000 N, 77 m" in said
+    assert "(a) eastward, 5.0000 E, 62.0000 N, 77 m" in said
     far = words(drawn(contents, "series", Chosen((6.0, 62.0, 10.0))))
     assert "is on land, below the bottom, or outside the region" in far
     lacking = without_estimate(tmp_path / "case.mcap", flow, innovation, plan)

@@ -30,6 +30,10 @@ FITTED = """() => {
     const pictures = [...document.querySelectorAll(".plot canvas, .panel > svg")].filter((one) => one.clientWidth);
     return pictures.length > 5 && pictures.every((one) => one.clientWidth === one.parentElement.clientWidth);
 }"""
+MENU = """() => {
+    const menu = document.querySelector("nav");
+    return innerWidth < 861 || menu.scrollWidth <= menu.clientWidth;
+}"""
 LANDED = """(key) => {
     const part = document.getElementById(key);
     const off = part.getBoundingClientRect().top - document.querySelector("header").offsetHeight;
@@ -95,7 +99,8 @@ def _check_controls(tab: Any) -> None:
 
 
 def _check_links(tab: Any) -> None:
-    """Check that each link of the menu opens its part, and lands there below the header."""
+    """Check that each link of the menu is seen, opens its part, and lands there below the header."""
+    assert tab.evaluate(MENU)
     for link in tab.locator("nav a").all():
         link.click()
         key = (link.get_attribute("href") or "")[1:]

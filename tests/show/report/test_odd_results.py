@@ -10,7 +10,7 @@ from replay_kit.core.geodesy import heading_deg, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
-from replay_kit.results.outcome.outcome import made
+from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.outcome.parts import plan_part
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
@@ -139,6 +139,12 @@ def test_a_report_of_a_million_pings_takes_less_than_600_mb(tmp_path, flow, stat
     assert peak_of_report(tmp_path / "many.mcap", tmp_path / "many.html") < 600e3
     page = (tmp_path / "many.html").read_text(encoding="utf-8")
     assert "of 1,000,000 measurements are drawn, evenly spread." in text_of(page, "trust")
+
+
+def test_a_verdict_keeps_its_capitals(write):
+    said = "the forecast is of 2018-11-16T00:00Z"
+    page = write(lambda writer: writer.summary(TIME_NS, Outcome(outside=(said,))))
+    assert f"Do not use: no observation was used; {said}." in page
 
 
 def test_a_plan_alone_is_drawn(write, plan):

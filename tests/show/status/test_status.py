@@ -231,7 +231,7 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
     rms = dict.fromkeys(("before", "after", "prior"), 0.1)
     found = replace(expected(), rms_innovation=rms, plan={"status": "unsafe", "message": ""})
     for outcome_, first in (
-        (found, "DO NOT USE no observation was used; the plan is unsafe; "),
+        (found, "DO NOT USE no observation was used; the plan is unsafe"),
         (replace(found, consistency=[many] * 3), "DO NOT USE headings: off; headings: off;"),
     ):
         said = [title(status_of(held(plans=[unsafe])))]
@@ -245,6 +245,47 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
     used = Outcome(observations={**Outcome().observations, "used": 9})
     first, *_ = lines(status_of(held(plans=[made], outcome=used)))
     assert str(first) == "TRUST      9 of 10 simulated flights arrive (9 required)"
+
+
+def test_reasons_are_cut_at_clauses_counted_without_odds_and_whole_on_a_page():
+    clause = "the forecast is of 2018-11-16T00:00Z, 1974.8 days before the log begins"
+    texts = (clause, "the ensemble was moved: not a forecast for this region")
+    used = {**Outcome().observations, "used": 9}
+    status = status_of(
+        held(plans=[plan(END_NS)], outcome=Outcome(observations=used, outside=texts))
+    )
+    first, *_ = lines(status)
+    assert str(first.said) == "the forecast is of 2018-11-16T00:00Z ...; 1 more: -v"
+    assert all(text in status_page(status) for text in texts)
+    assert "-v" not in status_page(status).partition("<dl>")[2].partition("</dl>")[0]
+    unsafe = plan(END_NS, status="unsafe", odds=None)
+    found = Outcome(observations=used, plan={"status": "unsafe", "message": ""})
+    first, *_ = lines(status_of(held(plans=[unsafe], outcome=found)))
+    assert str(first.said) == "the plan is unsafe"
+
+
+def test_titles_keep_whole_words_and_name_one_of_several_vehicles():
+    def titled(mission, **more):
+        found = held(outcome=Outcome(mission=mission))
+        return title(status_of(found, END_NS + 960 * 24 * HOUR_NS, **more))
+
+    assert titled("SG249 mission 2").startswith("SG249 mission 2, dive 7: ")
+    assert titled("SG249 from Nova Scotia to Cape Race").startswith("SG249 from Nova ..., dive 7: ")
+    assert len(titled("SG249 mission 2")) <= WIDTH
+    assert titled("SG249 mission 2", vehicle="sgA").startswith("sgA, dive 7: ")
+
+
+def test_each_reason_for_excluded_bins_has_its_own_count():
+    why = {"at_surface": 84, "below_grid": 3000, "missing": 2526}
+    counts = {"used": 424, "bins_used": 3190, "bins_rejected": why}
+    status = status_of(held(outcome=Outcome(observations={**Outcome().observations, **counts})))
+    for room, text in (
+        (100, "3,000 below grid, 2,526 missing, 84 at surface"),
+        (69, "3,000 below grid, ..."),
+        (60, "5,610 not used"),
+    ):
+        *_, data = lines(status, room)
+        assert str(data.said) == f"424 of 424 observations used; of 8,800 bins {text}"
 
 
 def test_a_heading_is_true_and_by_the_compass_of_a_vehicle_whose_declination_is_known():
