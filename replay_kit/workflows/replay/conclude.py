@@ -197,7 +197,7 @@ def _found(
         "plan": plan_part(plan, planning.failure),
         "surfacings": surfacings_part(planning.outcomes),
         "predicted_surfacings": expected_part(of.forecasts.outcomes, following, planning.outcomes),
-        "notes": account.notes() + of.publishing.surface.notes,
+        "notes": account.notes() + of.publishing.surface.notes + of.notes,
         "consistency": [*map(finding_json, findings)],
         "doubts": blind,
         "outside": [note for note in inputs.forecasts.notes if isinstance(note, Elsewhere)],

@@ -72,8 +72,8 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_writes_every_file(tmp_path):
         ("glider.mcap", {}, "mission", 300.0),
         ("glider.mcap", {"depth": 250.0}, "mission", 250.0),
         ("glider.mcap", {"kind": "glide"}, "glide", 300.0),
-        ("survey.mcap", {}, "glide", 300.0),
-        ("glider.tlog", {}, "glide", 300.0),
+        ("survey.mcap", {}, "auto", 300.0),
+        ("glider.tlog", {}, "auto", 300.0),
     ],
 )
 def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(
@@ -91,6 +91,20 @@ def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(
     assert (
         with_planner_kind(without.each_vehicle[0], open_readers(job.logs, config), config) is config
     )
+
+
+@pytest.mark.parametrize("dives", [True, False])
+def test_telemetry_of_dives_is_planned_as_a_mission_and_a_glide_is_explained(
+    ocean, tmp_path, dives
+):
+    log = ocean / "survey.mcap"
+    if dives:
+        log = tmp_path / "glider.tlog"
+        write_tlog(log, open_log(ocean / "glider.mcap").messages())
+    config = RunConfig(estimator=QUICK, planner={"samples": 0, "interval": 1e9})
+    outcome, _ = replay(job_in(ocean, goal=GOAL, logs=(log,)), config, planner_of)
+    said = any("--planner mission" in note for note in outcome.notes)
+    assert ("leg_001" in outcome.plan["statistics"], said) == (dives, not dives)
 
 
 def test_dives_that_are_not_stated_reach_their_goal_as_far_as_the_forecast():

@@ -180,11 +180,10 @@ def prepare(
 
 
 def with_planner_kind(vehicle: Vehicle, readers: Sequence[LogFile], config: RunConfig) -> RunConfig:
-    """Return the settings with the kind of plan resolved for a vehicle with a goal: a mission for a glider's logs."""
-    if vehicle.goal is None or config.planner.kind != "auto":
+    """Return the settings with a mission as kind of plan for a goal and a glider's logs; ``auto`` stays where dives may show one."""
+    if vehicle.goal is None or not any(log.is_gliders() for log in readers):
         return config
-    gliders = any(log.is_gliders() for log in readers)
-    return config.model_copy(update={"planner": config.planner.resolved(gliders)})
+    return config.model_copy(update={"planner": config.planner.resolved(of_glider=True)})
 
 
 def check_goal(planner: Planner, flow: HasGrid, goal: Place, logs: Logs) -> None:
