@@ -54,7 +54,7 @@ def conclude(
     flows, windows = _last_flows(run)
     flow, estimator = flows[0], run.of[0].setup.estimator
     each = zip(run.of, inputs.accounts(run), flows, strict=True)
-    found = {one[0].setup.name: _found(*one, inputs, others) for one in each}
+    found = {one[0].setup.name: found_of(*one, inputs, others) for one in each}
     values = next(iter(found.values()))
     if job.vehicles:
         values = _of_several(run, inputs, found, useless, bool(windows))
@@ -175,12 +175,12 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
     return useless
 
 
-def _found(
+def found_of(
     of: OfVehicle,
     account: Account,
     flow: FlowEstimate,
     inputs: Prepared,
-    others: Sequence[tuple[str, Evidence]],
+    others: Sequence[tuple[str, Evidence]] = (),
 ) -> dict[str, Any]:
     """Return the values of an outcome for one vehicle."""
     setup = of.setup

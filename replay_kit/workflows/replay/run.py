@@ -64,6 +64,7 @@ class Run:
         clock: Wall time of each stage so far.
         writer: Writer of the result; None writes nothing.
         follow_up: Called with each block of steps and their vehicles.
+        rebuilt: Called with those of an estimate that is rebuilt without a source, in place of all before.
         current: Estimator's state.
         of: The vehicles, in order of name.
         kept: Observations of several vehicles so far, in order; empty for a single one.
@@ -90,6 +91,7 @@ class Run:
         self.clock = clock
         self.writer: ResultWriter | None = None
         self.follow_up: Callable[[Run, Sequence[tuple[int, Step]]], None] = lambda run, steps: None
+        self.rebuilt = self.follow_up
         self._measured_by, self._owners = measured_by, owners
         prior, logs = setups[0].estimator.initial(), setups[0].config.logs
         stream, self.current = begun(logs.system, logs.component), prior
@@ -225,7 +227,9 @@ class Run:
         self.current = prior
         for one in self.of:
             one.dive = Dive(prior)
-        for one, own in self._stepped(given)[1]:
+        steps, each = self._stepped(given)
+        self.rebuilt(self, steps)
+        for one, own in each:
             one.counts = one.counts.rebuilt(own)
             one.monitoring = consistency.with_gated(replace(one.monitoring, gated=()), own)
         # windows published before
