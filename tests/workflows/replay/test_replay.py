@@ -17,6 +17,7 @@ from replay_kit.estimator import ReducedBasisEstimator, embed_member
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.conclude import score_against_truth
 from replay_kit.workflows.replay.inputs import checks
@@ -105,6 +106,19 @@ def test_telemetry_of_dives_is_planned_as_a_mission_and_a_glide_is_explained(
     outcome, _ = replay(job_in(ocean, goal=GOAL, logs=(log,)), config, planner_of)
     said = any("--planner mission" in note for note in outcome.notes)
     assert ("leg_001" in outcome.plan["statistics"], said) == (dives, not dives)
+
+
+def test_a_goal_without_a_position_to_start_from_is_answered(ocean, tmp_path):
+    log = tmp_path / "pings.csv"
+    log.write_text(
+        "time,longitude,latitude,depth,u,v,error\n"
+        "2018-11-16T01:00:00Z,152.3,-39.8,60,0.1,0.05,0.05\n"
+    )
+    use = inspect_logs([log], CONFIG)[0].use
+    assert use == "ready for replay: placed current profiles found"
+    outcome, _ = replay(job_in(ocean, goal=GOAL, logs=(log,)), CONFIG, planner_of)
+    assert outcome.plan["status"] == "failed"
+    assert outcome.plan["message"].startswith("the log has no position of the vehicle")
 
 
 def test_dives_that_are_not_stated_reach_their_goal_as_far_as_the_forecast():
