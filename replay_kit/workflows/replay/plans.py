@@ -206,8 +206,8 @@ def plan_at_end(
         problem: Planning problem.
         state: State after the last step.
         flow_at: Estimate after it.
-        flow: Estimate at ``last_ns``.
-        last_ns: Time of the last message [ns, UTC].
+        flow: Last estimate.
+        last_ns: Time at which the last plan begins [ns, UTC].
     """
     before, outputs, position = state.result, tuple[Output, ...](), state.position
     if position is None:

@@ -446,8 +446,9 @@ def left_windows(run: Run, flows: Iterable[FlowEstimate]) -> list[int]:
 
 
 def end(run: Run, of: OfVehicle) -> FlowEstimate:
-    """Finish a surfacing of a vehicle and plan from its last position; return the estimate used."""
+    """Finish a surfacing of a vehicle and plan from its last position, of several at its own time; return the estimate used."""
     _expect(run, of, forecast_end(of.forecasts))
-    flow = of.flow(run.current, run.last_ns)
-    _plan(run, of, plans.plan_at_end, partial(of.flow, run.current), flow, run.last_ns)
+    flow, at = of.flow(run.current, run.last_ns), of.planning.position
+    begin_ns = at.time_ns if run.is_pooled and at is not None else run.last_ns
+    _plan(run, of, plans.plan_at_end, partial(of.flow, run.current), flow, begin_ns)
     return flow
