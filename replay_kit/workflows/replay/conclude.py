@@ -162,7 +162,7 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
             names = [*[""] * account.first_input, *(one.path for one in account.reports)]
             require_one_vehicle(of.monitoring, names)
             if not of.monitoring.explains_no_profile:
-                account.require_usable(inputs.forecasts.ensemble.grid)
+                account.require_usable(inputs.forecasts.ensemble.grid, inputs.logs)
             account.require_left_out(of.setup.config.measurements.without)
         except MeasurementError as error:
             if not inputs.job.vehicles or error.findings:

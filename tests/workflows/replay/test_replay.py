@@ -152,7 +152,7 @@ LOGS = {
         ("absent.mcap", {}, LogError, "file not found"),
         ("empty.mcap", {}, MeasurementError, "no messages at all"),
         ("camera.mcap", {}, MeasurementError, r"Found: /camera \(1"),
-        ("missing.mcap", {}, MeasurementError, "3 ADCP pings, none usable: 6 bins missing"),
+        ("missing.mcap", {}, MeasurementError, "3 profiles, none usable: 6 values missing"),
         ("survey.mcap", {"truth": "absent.nc"}, ForecastError, "no such file"),
         ("survey.mcap", {"goal": Place(160.0, -39.8, 100.0)}, PlanError, "outside"),
         ("survey.mcap", {"goal": Place(152.3, -39.8, 5000.0)}, PlanError, "deep"),
@@ -173,6 +173,20 @@ def test_inputs_that_cannot_be_used_cost_no_result(ocean, tmp_path, log, more, e
     with pytest.raises(error, match=words):
         run(ocean, path, out=tmp_path / "out.mcap", **more)
     assert not list(tmp_path.glob("out.mcap*"))
+
+
+@pytest.mark.parametrize(
+    ("goal", "error"), [(None, MeasurementError), (Place(152.3, -39.8, 0.0), PlanError)]
+)
+def test_a_forecast_of_the_surface_alone_is_said_not_to_reach_the_dives(
+    ocean, tmp_path, goal, error
+):
+    surface = tmp_path / "surface.nc"
+    with xr.open_dataset(ocean / "ensemble.nc") as ds:
+        ds.isel(depth=[0]).assign_coords(depth=[0.0]).to_netcdf(surface, engine="h5netcdf")
+    job = job_in(ocean, goal=goal, logs=("glider.mcap",), ensemble=surface)
+    with pytest.raises(error, match=r"only the level 0 m, and the log goes to \d+ m"):
+        replay(job, RunConfig(estimator=QUICK), planner_of)
 
 
 def test_a_log_given_twice_is_refused(ocean, tmp_path):

@@ -19,7 +19,7 @@ from replay_kit.core.words.progress import Progress, Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.step import for_region
-from replay_kit.workflows.replay.account import Account
+from replay_kit.workflows.replay.account import Account, surface_only
 from replay_kit.workflows.replay.consistency import checked_speeds
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, build
 from replay_kit.workflows.replay.inputs.job import (
@@ -191,6 +191,8 @@ def check_goal(planner: Planner, flow: HasGrid, goal: Place, logs: Logs) -> None
     try:
         planner.check(flow, goal)
     except PlanError as error:
+        if below := surface_only(flow.grid, logs):
+            raise PlanError(f"{error}. {below}") from error
         places = logs.reach.places
         local = to_local(flow.grid.projection, *places.T)
         if not len(places) or np.any(inside_grid(flow.grid, *local)):
