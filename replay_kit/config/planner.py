@@ -66,8 +66,8 @@ class PlannerConfig(Section):
     """``[planner]``: one glide, or a mission of many dives; keys that only a mission has say so.
 
     Attributes:
-        kind: Kind of plan: a glide, one constant velocity, or a mission of dives; auto: a mission for a glider's log, a glide for
-            others.
+        kind: Kind of plan: a glide, one constant velocity, or a mission of dives; auto: a mission for a glider's log, and
+            from the first dive at a glider's speed on; a glide for others.
         when: Times of plans: at intervals, for a mission at the next surfacing; or at each surfacing.
         speed: Speed through water [m/s]; of a vehicle with --thrust a range too, as 0.5:1.5, in which it is chosen. Default: as flown,
             else 0.3.
@@ -234,7 +234,7 @@ class PlannerConfig(Section):
         return f"{of}: {', '.join(asked + shape)}" if asked + shape else ""
 
     def resolved(self, of_glider: bool) -> Self:
-        """Return the settings with ``auto`` resolved: a mission for a glider's log, a glide for others."""
+        """Return the settings with ``auto`` resolved: a mission for a glider, a glide for others."""
         return (
             self
             if self.kind != "auto"

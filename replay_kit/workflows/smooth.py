@@ -7,7 +7,6 @@ the replay. Innovations, NIS and gate decisions are those of the replay, without
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import reduce
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -21,11 +20,9 @@ from replay_kit.core.words.progress import Progress, silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import smooth as smoothed
 from replay_kit.logs.reader import reading
-from replay_kit.measurements.checks.place import LogTracks
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, made
-from replay_kit.results.outcome.parts import correction_part
-from replay_kit.workflows.replay.consistency import MonitoringState, require_one_vehicle
+from replay_kit.workflows.replay.conclude import found_of, useless_of
 from replay_kit.workflows.replay.events import Aside, Track
 from replay_kit.workflows.replay.inputs.forecast import build, flow_at, with_window
 from replay_kit.workflows.replay.inputs.job import (
@@ -57,7 +54,9 @@ def smooth(
 ) -> Outcome:
     """Write the smoothed result of logs, and return the outcome of its forward replay.
 
-    The forward replay takes single profiles with their stated errors. The smoothed estimate of a static estimator is the last one.
+    The forward replay takes single profiles with their stated errors, and excludes what a replay excludes.
+
+    The smoothed estimate of a static estimator is the last one.
 
     Args:
         job: Logs, ensemble and result alone.
@@ -80,35 +79,30 @@ def smooth(
                 "smooth: windows that follow the vehicle are not smoothed; state one region with --region, or allow more "
                 "points with forecast.window_points"
             )
-        estimator, done, ignored = build(forecasts, config), _Done(), {"on_failure": "ignore"}
-        unchecked = config.model_copy(
-            update={"consistency": config.consistency.model_copy(update=ignored)}
-        )
+        estimator, done = build(forecasts, config), _Done()
         alone = with_window(estimator, 0.0)
-        run, inputs = prepare(job, unchecked, None, silent, forecasts, alone, logs)
+        run, inputs = prepare(job, config, None, silent, forecasts, alone, logs)
 
         def keep(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
             events = ((step.event, step.innovation) for _, step in steps)
             done.extend(one for one in events if not isinstance(one[0], Aside))
 
-        run.follow_up = keep
+        def begin_anew(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
+            done[:] = [one for one in done if isinstance(one[0], Track)]
+            keep(run, steps)
+            done.sort(key=lambda one: one[0].time_ns)
+
+        run.follow_up, run.rebuilt = keep, begin_anew
         advance = reading(logs.all, progress, "reading the logs")
         for block in inputs.played(run):
             advance(len(block))
         of, (account,) = run.of[0], inputs.accounts(run)
-        if config.consistency.on_failure != "ignore":
-            each = (event.columns for event, _ in done if isinstance(event, Track))
-            tracks = reduce(LogTracks.after, each, LogTracks())
-            names = [report.path for report in account.reports]
-            require_one_vehicle(MonitoringState(tracks=tracks), names)
-        account.require_usable(forecasts.ensemble.grid)
+        useless_of(run, inputs)
         progress(0, 0, "smoothing")
         static = [] if changes(estimator) else [STATIC]
-        more = {
-            "notes": [*forecasts.notes, *account.notes(), *estimator.notes(), *static],
-            "flight_correction": correction_part(of.flight.correction(of.counts.corrections)),
-        }
-        outcome = made(account.part() | more, (*job.logs, *job.forecasts))
+        found = found_of(of, account, run.flow_now(), inputs)
+        notes = [*forecasts.notes, *found["notes"], *estimator.notes(), *static]
+        outcome = made(found | {"notes": notes}, (*job.logs, *job.forecasts))
         with run.clock.stage("smooth"):
             _write(job, config, inputs, estimator, run, done, outcome)
     return replace(outcome, seconds=dict(run.clock.seconds))
@@ -141,7 +135,8 @@ def _write(
     for event, _ in done:
         if isinstance(event, Track):
             times += [int(event.columns["time"].min()), int(event.columns["time"].max())]
-    first_ns, begun_ns, last_ns = min(event.time_ns for event in measured), min(times), max(times)
+    begun_ns, last_ns = min(times), max(times)
+    first_ns = min((event.time_ns for event in measured), default=begun_ns)
     published = published_times(first_ns, last_ns, config.output.interval)
     states = [run.current] * len(published)
     if changes(estimator):
@@ -184,6 +179,7 @@ def _write(
         dives = [dive for mean in run.of[0].monitoring.means if (dive := flown_of(mean))]
         if (flown := AsFlown.of(dives)) is not None:
             writer.write_metadata(AS_FLOWN, flown.to_record())
+        writer.consistency(last_ns, outcome.consistency)
         writer.summary(last_ns, outcome)
         flow = flow_at(estimator, states[-1], last_ns)
         writer.finish(replace(flow, span_ns=(begun_ns, last_ns)))

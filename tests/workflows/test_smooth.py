@@ -11,6 +11,7 @@ from replay_kit.estimator import build
 from replay_kit.estimator import smooth as smooth_states
 from replay_kit.forecast import read_series
 from replay_kit.logs import open_log
+from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.status.held import read_held
 from replay_kit.workflows.library.calls import settings_of
@@ -32,8 +33,8 @@ STATIC_SETTINGS = {
 EVOLVING = {**STATIC_SETTINGS, "time": {"scale": 86_400.0}}
 
 
-def smoothed(folder, settings):
-    job = ReplayJob((SAMPLES / "glider.mcap",), SAMPLES / "ensemble.nc", folder / "smoothed.mcap")
+def smoothed(folder, settings, log=SAMPLES / "glider.mcap"):
+    job = ReplayJob((log,), SAMPLES / "ensemble.nc", folder / "smoothed.mcap")
     summary = smooth(job, settings_of(settings))
     return summary, rk.open_result(folder / "smoothed.mcap")
 
@@ -92,6 +93,29 @@ def test_a_static_estimate_is_its_last_at_all_times(tmp_path):
     assert flown == replayed_flown
     assert flown.dives == 1
     assert result.events["message"].tolist() == [STATIC]
+
+
+@pytest.mark.parametrize("fault", ["sign", "orientation"])
+def test_a_log_that_contradicts_itself_is_judged_as_in_a_replay(tmp_path, fault):
+    """Of wrong signs the profiles remain, against the mean currents; above the surface only these remain."""
+
+    def wrong(message):
+        if message.schema != "replay_kit.AdcpPing":
+            return message
+        velocity = (-np.array(message.payload["velocity"], float)).tolist()
+        other = {"velocity": velocity} if fault == "sign" else {"orientation": "up"}
+        return message._replace(payload=message.payload | other)
+
+    log = tmp_path / "wrong.mcap"
+    write_mcap_log(log, map(wrong, open_log(SAMPLES / "glider.mcap").messages()))
+    settings = EVOLVING | {"logs": {"end": "2018-11-16T10:00:00Z"}}
+    summary, result = smoothed(tmp_path, settings, log)
+    with pytest.warns(UserWarning, match="check"):
+        replayed = rk.replay(log, SAMPLES / "ensemble.nc", settings=settings).outcome
+    assert (summary.exit_code, summary.consistency) == (6, replayed.consistency)
+    assert (summary.outside, summary.observations) == (replayed.outside, replayed.observations)
+    assert result.outcome.verdict == replayed.verdict
+    assert ((result.innovations["flags"] == 1).sum() > 3) == (fault == "sign")
 
 
 def test_published_times_begin_and_end_with_the_log():

@@ -252,7 +252,8 @@ class LogInfo:
 def use_of(content: LogContent) -> str:
     """Return the possible use of a log's content, as text."""
     if content.bins:
-        return "ready for replay: positions and current profiles found"
+        found = "positions and current profiles" if content.positions else "placed current profiles"
+        return f"ready for replay: {found} found"
     if content.mean_currents:
         return "ready for replay: mean currents between fixes found, no usable current profile"
     if content.surface:

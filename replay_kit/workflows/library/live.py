@@ -99,7 +99,7 @@ class Live:
     def plan(self, goal: At, *, start: At | None = None) -> Plan:
         """Return the best plan to a goal on the present estimate, as a replay of these messages ends with.
 
-        A glider, which is a vehicle whose messages state mean currents of dives, is given a mission of dives as flown so far.
+        A glider, a vehicle with mean currents of dives or dives at a glider's speed, is given a mission of dives as flown so far.
 
         Args:
             goal: Goal.
@@ -121,5 +121,6 @@ class Live:
             query = PlanQuery(
                 place_of(start, "start"), place_of(goal, "goal"), estimate.time_ns or 0
             )
-            config = run.config.planner.resolved(known.states_means)
-            return planned(estimate, query, config, known.as_flown)
+            flown = known.as_flown
+            gliding = known.states_means or (flown is not None and flown.is_plausible)
+            return planned(estimate, query, run.config.planner.resolved(gliding), flown)

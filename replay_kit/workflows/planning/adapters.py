@@ -31,7 +31,7 @@ _AHEAD = 2.0
 
 
 def planner_of(config: PlannerConfig, region: Grid) -> "MissionPlanner":
-    """Return the planner of a configuration; unresolved kind ``auto`` gives a glide planner.
+    """Return the planner of a configuration; kind ``auto`` plans glides until dives of a glider are known.
 
     Args:
         config: ``[planner]``.
@@ -40,8 +40,7 @@ def planner_of(config: PlannerConfig, region: Grid) -> "MissionPlanner":
     Raises:
         ForecastError: The bathymetry is unusable.
     """
-    kind = "mission" if config.kind == "mission" else "glide"
-    made = MissionPlanner(config.model_copy(update={"kind": kind}))
+    made = MissionPlanner(config)
     if config.bathymetry_path is None:
         return made
     bottom = read_bathymetry(config.bathymetry_path, region)
@@ -87,11 +86,11 @@ class MissionPlanner:
     @property
     def glides(self) -> bool:
         """Whether it plans glides: one leg from depth to depth, in the current at its start, without odds."""
-        return self.config.kind == "glide"
+        return self.config.kind != "mission"
 
     def as_flown(self, flown: AsFlown) -> "MissionPlanner":
-        """Return the planner with flight parameters as flown where the settings state none."""
-        return replace(self, flown=flown)
+        """Return the planner with flight parameters as flown where the settings state none; of missions if the dives are a glider's."""
+        return replace(self, flown=flown, config=self.config.resolved(flown.is_plausible))
 
     def with_odds(self) -> "MissionPlanner":
         """Return the planner of missions with odds, as those of ``plan``."""
@@ -110,7 +109,7 @@ class MissionPlanner:
         Raises:
             PlanError: The vehicle cannot glide with these settings.
         """
-        config = self.config
+        config = self.config.resolved(of_glider=False)
         goal_depth = max(goal.depth for goal in goals)
         dives = config.diving(self.flown, goal_depth, float(grid.levels[-1]))
         glider = planners.Glider(
@@ -143,6 +142,9 @@ class MissionPlanner:
         """Return the best mission found from start to goal, begun at once, with the mission as memory."""
         begin_ns, projection = query.start_time_ns, flow.grid.projection
         before: planners.MissionPlan | None = None if query.warm is None else query.warm.memory
+        if before is not None and (before.settings.yos == 0) != self.glides:
+            # the vehicle has proved to be a glider since
+            before = None
         request, origin = self.request(flow.grid, query.start, (query.goal,), begin_ns)
         if before is not None and request.settings.legs is not None:
             left = max(1, len(before.headings_deg) - before.legs_flown(begin_ns))

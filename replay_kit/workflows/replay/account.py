@@ -16,6 +16,7 @@ from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.step import left_out_rules
 from replay_kit.results.losses import coded, loss_json
 from replay_kit.results.outcome.parts import evidence_part
+from replay_kit.workflows.replay.inputs.scan import Logs
 from replay_kit.workflows.replay.steps import Counts, added
 
 # Of a topic's pings; when more are lost, the summary begins with it.
@@ -33,6 +34,8 @@ _KEEPING = (
     ("heading is magnetic", "measurements.magnetic_declination"),
     ("velocity relative to the platform", "measurements.use_relative = true"),
 )
+# Kinds of measurements in words.
+_NAMES = {"dac": "mean currents of dives", "drift": "drifts at the surface"}
 # Topics named when a log cannot be used; `replay-kit info` names all.
 _TOPICS_SHOWN = 10
 
@@ -92,8 +95,8 @@ class Account:
                     "of the log"
                 )
 
-    def require_usable(self, grid: Grid) -> None:
-        """Raise MeasurementError if no profile was used; the message lists the data found."""
+    def require_usable(self, grid: Grid, logs: Logs) -> None:
+        """Raise MeasurementError if no profile was used; the message lists the data found, and what of the logs is below the forecast."""
         counts, vehicle = self.counts, self.counts.last_position
         if counts.total.profiles:
             return
@@ -106,8 +109,16 @@ class Account:
                 "Use another ensemble, or --place-ensemble for a study"
             )
         if rejected := counts.total.rejected:
-            why = ", ".join(f"{count} bins {name}" for name, count in counts.bins_rejected.items())
-            raise MeasurementError(f"{names}: {rejected} ADCP pings, none usable: {why}")
+            why = ", ".join(f"{n} values {name}" for name, n in counts.bins_rejected.items())
+            what = ", ".join(
+                f"{sums.rejected} {_NAMES.get(kind, kind)}"
+                for kind, sums in counts.kinds.items()
+                if sums.rejected
+            )
+            below = surface_only(grid, logs) if "below_grid" in counts.bins_rejected else ""
+            raise MeasurementError(
+                f"{names}: {what or f'{rejected} measurements'}, none usable: {why}{below and f'. {below}'}"
+            )
         found = _describe(self.topics()) or "no messages at all"
         lost = self.lost_pings()
         notes = (note for report in self.reports for note in report.notes)
@@ -179,6 +190,13 @@ class Account:
             "late": sum(self.merged.late.values()),
             "mission": ", ".join(dict.fromkeys(one.mission for one in self.reports if one.mission)),
         }
+
+
+def surface_only(grid: Grid, logs: Logs) -> str:
+    """Return the lack of a forecast of the surface for logs that go below it, as a sentence; empty for other forecasts and logs."""
+    if grid.levels[-1] > 0.0 or not (deepest := logs.reach.deepest):
+        return ""
+    return f"The forecast has only the level 0 m, and the log goes to {deepest:.0f} m: use one with levels down to there"
 
 
 def together(each: Mapping[str, Account]) -> dict[str, Any]:

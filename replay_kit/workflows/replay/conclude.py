@@ -55,7 +55,7 @@ def conclude(
     flows, windows = _last_flows(run)
     flow, estimator = flows[0], run.of[0].setup.estimator
     each = zip(run.of, inputs.accounts(run), flows, strict=True)
-    found = {one[0].setup.name: _found(*one, inputs, others) for one in each}
+    found = {one[0].setup.name: found_of(*one, inputs, others) for one in each}
     values = next(iter(found.values()))
     if job.vehicles:
         values = _of_several(run, inputs, found, useless, bool(windows))
@@ -166,7 +166,7 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
             names = [*[""] * account.first_input, *(one.path for one in account.reports)]
             require_one_vehicle(of.monitoring, names)
             if not of.monitoring.explains_no_profile:
-                account.require_usable(inputs.forecasts.ensemble.grid)
+                account.require_usable(inputs.forecasts.ensemble.grid, inputs.logs)
             account.require_left_out(of.setup.config.measurements.without)
         except MeasurementError as error:
             if not inputs.job.vehicles or error.findings:
@@ -179,12 +179,12 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
     return useless
 
 
-def _found(
+def found_of(
     of: OfVehicle,
     account: Account,
     flow: FlowEstimate,
     inputs: Prepared,
-    others: Sequence[tuple[str, Evidence]],
+    others: Sequence[tuple[str, Evidence]] = (),
 ) -> dict[str, Any]:
     """Return the values of an outcome for one vehicle."""
     setup = of.setup
@@ -201,7 +201,7 @@ def _found(
         "plan": plan_part(plan, planning.failure),
         "surfacings": surfacings_part(planning.outcomes),
         "predicted_surfacings": expected_part(of.forecasts.outcomes, following, planning.outcomes),
-        "notes": account.notes() + of.publishing.surface.notes,
+        "notes": account.notes() + of.publishing.surface.notes + of.notes,
         "consistency": [*map(finding_json, findings)],
         "doubts": blind,
         "outside": [note for note in inputs.forecasts.notes if isinstance(note, Elsewhere)],

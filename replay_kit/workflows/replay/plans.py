@@ -17,6 +17,11 @@ from replay_kit.measurements.track.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.inputs.planner import Planner, PlanQuery, PlanResult
 from replay_kit.workflows.replay.publishing import Output
 
+#: Why nothing is planned for a table of profiles.
+NO_START = (
+    "the log has no position of the vehicle to start from; plan on the result: replay-kit plan RESULT.mcap --start LON,LAT,DEPTH --goal "
+    "LON,LAT,DEPTH"
+)
 #: Returns the estimate for a time [ns, UTC].
 FlowAt = Callable[[int], FlowEstimate]
 
@@ -201,10 +206,14 @@ def plan_at_end(
         problem: Planning problem.
         state: State after the last step.
         flow_at: Estimate after it.
-        flow: Estimate at ``last_ns``.
-        last_ns: Time of the last message [ns, UTC].
+        flow: Last estimate.
+        last_ns: Time at which the last plan begins [ns, UTC].
     """
     before, outputs, position = state.result, tuple[Output, ...](), state.position
+    if position is None:
+        return replace(state, failure=NO_START), (
+            lambda writer: writer.log(last_ns, "warning", f"no plan: {NO_START}"),
+        )
     if state.surfaced is not None:
         state, outputs = _surfaced(problem, state, state.surfaced, flow_at)
     result = state.result

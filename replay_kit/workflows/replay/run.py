@@ -64,6 +64,7 @@ class Run:
         clock: Wall time of each stage so far.
         writer: Writer of the result; None writes nothing.
         follow_up: Called with each block of steps and their vehicles.
+        rebuilt: Called with those of an estimate that is rebuilt without a source, in place of all before.
         current: Estimator's state.
         of: The vehicles, in order of name.
         kept: Observations of several vehicles so far, in order; empty for a single one.
@@ -90,6 +91,7 @@ class Run:
         self.clock = clock
         self.writer: ResultWriter | None = None
         self.follow_up: Callable[[Run, Sequence[tuple[int, Step]]], None] = lambda run, steps: None
+        self.rebuilt = self.follow_up
         self._measured_by, self._owners = measured_by, owners
         prior, logs = setups[0].estimator.initial(), setups[0].config.logs
         stream, self.current = begun(logs.system, logs.component), prior
@@ -225,7 +227,9 @@ class Run:
         self.current = prior
         for one in self.of:
             one.dive = Dive(prior)
-        for one, own in self._stepped(given)[1]:
+        steps, each = self._stepped(given)
+        self.rebuilt(self, steps)
+        for one, own in each:
             one.counts = one.counts.rebuilt(own)
             one.monitoring = consistency.with_gated(replace(one.monitoring, gated=()), own)
         # windows published before
@@ -442,8 +446,9 @@ def left_windows(run: Run, flows: Iterable[FlowEstimate]) -> list[int]:
 
 
 def end(run: Run, of: OfVehicle) -> FlowEstimate:
-    """Finish a surfacing of a vehicle and plan from its last position; return the estimate used."""
+    """Finish a surfacing of a vehicle and plan from its last position, of several at its own time; return the estimate used."""
     _expect(run, of, forecast_end(of.forecasts))
-    flow = of.flow(run.current, run.last_ns)
-    _plan(run, of, plans.plan_at_end, partial(of.flow, run.current), flow, run.last_ns)
+    flow, at = of.flow(run.current, run.last_ns), of.planning.position
+    begin_ns = at.time_ns if run.is_pooled and at is not None else run.last_ns
+    _plan(run, of, plans.plan_at_end, partial(of.flow, run.current), flow, begin_ns)
     return flow

@@ -100,9 +100,27 @@ class OfVehicle:
         if self.flown is None or self.flown[0] is not dives:
             # asked for at every event, and another one only after a dive
             flown = self.forecasts.as_flown
-            planner = problem.planner if flown is None else problem.planner.as_flown(flown)
-            self.flown = dives, replace(problem, planner=planner)
+            if flown is not None:
+                settings = problem.settings.resolved(flown.is_plausible)
+                planner = problem.planner.as_flown(flown)
+                problem = replace(problem, planner=planner, settings=settings)
+            self.flown = dives, problem
         return self.flown[1]
+
+    @property
+    def notes(self) -> list[str]:
+        """Note on a glide that is planned because nothing showed a glider."""
+        problem = self.problem
+        if (
+            problem is None
+            or problem.settings.kind == "mission"
+            or self.setup.config.planner.kind != "auto"
+        ):
+            return []
+        return [
+            "the plan is a single glide, as the log shows neither mean currents of dives nor dives at a glider's speed; for a glider ask "
+            "for a mission (--planner mission)"
+        ]
 
     def flow(self, state: Any, time_ns: int) -> FlowEstimate:
         """Return the estimate of a state for a time [ns, UTC], with the local correction from the dives so far."""

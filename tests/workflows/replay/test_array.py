@@ -182,6 +182,12 @@ def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
         assert "dives: speed" in str(made["notes"])
 
 
+def test_a_last_plan_begins_where_and_when_its_own_vehicle_was_last(result):
+    last = [result.vehicles[name] for name in ("sg2", "sg3")]
+    assert len({one.fixes.index[-1] for one in last}) == 2
+    assert [one.plans.index[-1] for one in last] == [one.fixes.index[-1] for one in last]
+
+
 def test_goals_say_which_of_several_are_planned(result):
     flows, goal = (result.path,), "152.4,-40.1,100"
     asked = [

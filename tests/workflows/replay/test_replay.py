@@ -17,6 +17,7 @@ from replay_kit.estimator import ReducedBasisEstimator, embed_member
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.conclude import score_against_truth
 from replay_kit.workflows.replay.inputs import checks
@@ -72,8 +73,8 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_writes_every_file(tmp_path):
         ("glider.mcap", {}, "mission", 300.0),
         ("glider.mcap", {"depth": 250.0}, "mission", 250.0),
         ("glider.mcap", {"kind": "glide"}, "glide", 300.0),
-        ("survey.mcap", {}, "glide", 300.0),
-        ("glider.tlog", {}, "glide", 300.0),
+        ("survey.mcap", {}, "auto", 300.0),
+        ("glider.tlog", {}, "auto", 300.0),
     ],
 )
 def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(
@@ -91,6 +92,33 @@ def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(
     assert (
         with_planner_kind(without.each_vehicle[0], open_readers(job.logs, config), config) is config
     )
+
+
+@pytest.mark.parametrize("dives", [True, False])
+def test_telemetry_of_dives_is_planned_as_a_mission_and_a_glide_is_explained(
+    ocean, tmp_path, dives
+):
+    log = ocean / "survey.mcap"
+    if dives:
+        log = tmp_path / "glider.tlog"
+        write_tlog(log, open_log(ocean / "glider.mcap").messages())
+    config = RunConfig(estimator=QUICK, planner={"samples": 0, "interval": 1e9})
+    outcome, _ = replay(job_in(ocean, goal=GOAL, logs=(log,)), config, planner_of)
+    said = any("--planner mission" in note for note in outcome.notes)
+    assert ("leg_001" in outcome.plan["statistics"], said) == (dives, not dives)
+
+
+def test_a_goal_without_a_position_to_start_from_is_answered(ocean, tmp_path):
+    log = tmp_path / "pings.csv"
+    log.write_text(
+        "time,longitude,latitude,depth,u,v,error\n"
+        "2018-11-16T01:00:00Z,152.3,-39.8,60,0.1,0.05,0.05\n"
+    )
+    use = inspect_logs([log], CONFIG)[0].use
+    assert use == "ready for replay: placed current profiles found"
+    outcome, _ = replay(job_in(ocean, goal=GOAL, logs=(log,)), CONFIG, planner_of)
+    assert outcome.plan["status"] == "failed"
+    assert outcome.plan["message"].startswith("the log has no position of the vehicle")
 
 
 def test_dives_that_are_not_stated_reach_their_goal_as_far_as_the_forecast():
@@ -124,7 +152,7 @@ LOGS = {
         ("absent.mcap", {}, LogError, "file not found"),
         ("empty.mcap", {}, MeasurementError, "no messages at all"),
         ("camera.mcap", {}, MeasurementError, r"Found: /camera \(1"),
-        ("missing.mcap", {}, MeasurementError, "3 ADCP pings, none usable: 6 bins missing"),
+        ("missing.mcap", {}, MeasurementError, "3 profiles, none usable: 6 values missing"),
         ("survey.mcap", {"truth": "absent.nc"}, ForecastError, "no such file"),
         ("survey.mcap", {"goal": Place(160.0, -39.8, 100.0)}, PlanError, "outside"),
         ("survey.mcap", {"goal": Place(152.3, -39.8, 5000.0)}, PlanError, "deep"),
@@ -145,6 +173,20 @@ def test_inputs_that_cannot_be_used_cost_no_result(ocean, tmp_path, log, more, e
     with pytest.raises(error, match=words):
         run(ocean, path, out=tmp_path / "out.mcap", **more)
     assert not list(tmp_path.glob("out.mcap*"))
+
+
+@pytest.mark.parametrize(
+    ("goal", "error"), [(None, MeasurementError), (Place(152.3, -39.8, 0.0), PlanError)]
+)
+def test_a_forecast_of_the_surface_alone_is_said_not_to_reach_the_dives(
+    ocean, tmp_path, goal, error
+):
+    surface = tmp_path / "surface.nc"
+    with xr.open_dataset(ocean / "ensemble.nc") as ds:
+        ds.isel(depth=[0]).assign_coords(depth=[0.0]).to_netcdf(surface, engine="h5netcdf")
+    job = job_in(ocean, goal=goal, logs=("glider.mcap",), ensemble=surface)
+    with pytest.raises(error, match=r"only the level 0 m, and the log goes to \d+ m"):
+        replay(job, RunConfig(estimator=QUICK), planner_of)
 
 
 def test_a_log_given_twice_is_refused(ocean, tmp_path):

@@ -19,7 +19,7 @@ from replay_kit.core.words.progress import Progress, Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.step import for_region
-from replay_kit.workflows.replay.account import Account
+from replay_kit.workflows.replay.account import Account, surface_only
 from replay_kit.workflows.replay.consistency import checked_speeds
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, build
 from replay_kit.workflows.replay.inputs.job import (
@@ -180,11 +180,11 @@ def prepare(
 
 
 def with_planner_kind(vehicle: Vehicle, readers: Sequence[LogFile], config: RunConfig) -> RunConfig:
-    """Return the settings with the kind of plan resolved for a vehicle with a goal: a mission for a glider's logs."""
-    if vehicle.goal is None or config.planner.kind != "auto":
+    """Return the settings with a mission as kind of plan for a goal and a glider's logs; ``auto`` stays where dives may show one."""
+    asked = vehicle.goal is None or config.planner.kind != "auto"
+    if asked or not any(log.is_gliders() for log in readers):
         return config
-    gliders = any(log.is_gliders() for log in readers)
-    return config.model_copy(update={"planner": config.planner.resolved(gliders)})
+    return config.model_copy(update={"planner": config.planner.resolved(of_glider=True)})
 
 
 def check_goal(planner: Planner, flow: HasGrid, goal: Place, logs: Logs) -> None:
@@ -192,6 +192,8 @@ def check_goal(planner: Planner, flow: HasGrid, goal: Place, logs: Logs) -> None
     try:
         planner.check(flow, goal)
     except PlanError as error:
+        if below := surface_only(flow.grid, logs):
+            raise PlanError(f"{error}. {below}") from error
         places = logs.reach.places
         local = to_local(flow.grid.projection, *places.T)
         if not len(places) or np.any(inside_grid(flow.grid, *local)):
