@@ -99,7 +99,11 @@ class McapReader(LogFile):
             schemas = read_summary(file).schemas
         if schemas:
             return any(schema.name == DIVE_MEAN for schema in schemas.values())
-        return any(message.schema == DIVE_MEAN for message in self.messages())
+        # a pass that goes on keeps its statistics
+        statistics = self.statistics
+        found = any(message.schema == DIVE_MEAN for message in self.messages())
+        self.statistics = statistics
+        return found
 
     def _each(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
         """Yield the result of ``make`` for each message."""

@@ -8,11 +8,13 @@ import pytest
 import zstandard
 from mcap.opcode import Opcode
 
+from replay_kit.logs import open_log
 from replay_kit.logs.mcap.index import MAX_CONTENTS
 from replay_kit.logs.mcap.records import MAGIC, MAX_SIZE
 from replay_kit.results.losses import loss_json, loss_words
 from tests.logs.log_samples import SECOND, json_mcap, record_offsets
 from tests.logs.log_samples import read_log as read
+from tests.places import SAMPLES
 
 TIMES = [k * SECOND for k in range(1, 41)]
 CHUNKED = json_mcap(TIMES)
@@ -91,6 +93,17 @@ def test_what_a_cut_took_is_said_to_be_unknown(tmp_path, cut):
     assert loss_json(loss)["messages"] is None
     assert loss.first_ns == (TIMES[11] if cut else None)
     assert "unknown number of messages" in loss_words(loss)
+
+
+def test_a_question_about_a_cut_log_does_not_forget_what_a_pass_has_lost(tmp_path):
+    path, whole = tmp_path / "cut.mcap", (SAMPLES / "glider.mcap").read_bytes()
+    path.write_bytes(whole[: len(whole) * 9 // 10])
+    with open_log(path) as log:
+        found = log.messages()
+        next(found)
+        assert log.is_gliders()
+        assert 1 + len([*found]) == sum(log.report().read.values())
+        assert log.report().losses
 
 
 def test_messages_outside_chunks_are_verified_by_the_checksum_of_their_section(tmp_path):

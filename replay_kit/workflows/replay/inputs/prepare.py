@@ -181,7 +181,8 @@ def prepare(
 
 def with_planner_kind(vehicle: Vehicle, readers: Sequence[LogFile], config: RunConfig) -> RunConfig:
     """Return the settings with a mission as kind of plan for a goal and a glider's logs; ``auto`` stays where dives may show one."""
-    if vehicle.goal is None or not any(log.is_gliders() for log in readers):
+    asked = vehicle.goal is None or config.planner.kind != "auto"
+    if asked or not any(log.is_gliders() for log in readers):
         return config
     return config.model_copy(update={"planner": config.planner.resolved(of_glider=True)})
 
