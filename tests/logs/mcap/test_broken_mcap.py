@@ -14,6 +14,7 @@ from replay_kit.logs.mcap.records import MAGIC, MAX_SIZE
 from replay_kit.results.losses import loss_json, loss_words
 from tests.logs.log_samples import SECOND, json_mcap, record_offsets
 from tests.logs.log_samples import read_log as read
+from tests.places import SAMPLES
 
 TIMES = [k * SECOND for k in range(1, 41)]
 CHUNKED = json_mcap(TIMES)
@@ -95,13 +96,13 @@ def test_what_a_cut_took_is_said_to_be_unknown(tmp_path, cut):
 
 
 def test_a_question_about_a_cut_log_does_not_forget_what_a_pass_has_lost(tmp_path):
-    path = tmp_path / "cut.mcap"
-    path.write_bytes(CHUNKED[: THIRD + 150])
+    path, whole = tmp_path / "cut.mcap", (SAMPLES / "glider.mcap").read_bytes()
+    path.write_bytes(whole[: len(whole) * 9 // 10])
     with open_log(path) as log:
         found = log.messages()
         next(found)
-        assert not log.is_gliders()
-        assert len([*found]) > 0
+        assert log.is_gliders()
+        assert 1 + len([*found]) == sum(log.report().read.values())
         assert log.report().losses
 
 
