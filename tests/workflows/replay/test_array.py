@@ -217,7 +217,7 @@ def test_a_status_shows_a_table_then_each_vehicle_and_its_page_links_them(result
     shutil.copy(result.path, out)
     shown = succeed(f"status {out} --json {status} --html {page}").stdout
     assert shown.startswith("Vehicles")
-    assert shown.index("array.sg1") < shown.index("array.sg3")
+    assert shown.index("\nsg1, ") < shown.index("\nsg3, ")
     assert list(json.loads(status.read_text())["vehicles"]) == ["sg1", "sg2", "sg3"]
     assert all(name in page.read_text() for name in ("sg1", "sg2", "sg3"))
 
