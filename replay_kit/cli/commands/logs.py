@@ -82,12 +82,15 @@ def info(
         if ensemble:
             from replay_kit.forecast import describe_ensemble
             from replay_kit.workflows.info.listing import ensemble_json, print_ensemble
-            from replay_kit.workflows.replay.inputs.job import ReplayJob
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             if not logs and config.forecast.region is None and addresses_in(ensemble):
                 return print_price(ensemble, logs, config, outputs)
-            files = local_forecast(ReplayJob(logs, ensemble), config).forecasts
+            files = ensemble
+            if addresses_in(ensemble):
+                from replay_kit.workflows.replay.inputs.job import ReplayJob
+
+                files = local_forecast(ReplayJob(logs, ensemble), config).forecasts
             if logs:
                 from replay_kit.workflows.replay.inputs.checks import (
                     check_logs,
