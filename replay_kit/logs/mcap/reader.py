@@ -99,11 +99,9 @@ class McapReader(LogFile):
             schemas = read_summary(file).schemas
         if schemas:
             return any(schema.name == DIVE_MEAN for schema in schemas.values())
-        # a pass that goes on keeps its statistics
-        statistics = self.statistics
-        found = any(message.schema == DIVE_MEAN for message in self.messages())
-        self.statistics = statistics
-        return found
+        # a reader of its own, as a pass of this one may go on
+        with McapReader(self.files, self.input, self._config) as asked:
+            return any(message.schema == DIVE_MEAN for message in asked.messages())
 
     def _each(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
         """Yield the result of ``make`` for each message."""
