@@ -96,8 +96,7 @@ class Ending:
         """Raise ConfigError for a name with the wrong ending.
 
         A name without an ending fits a single format; where the ending selects the format, it is required. Case is ignored. A folder may
-        not
-        have the ending of a file.
+        not have the ending of a file.
 
         Args:
             name: Name of the option.

@@ -60,6 +60,11 @@ def printable(text: str) -> str:
     return _CONTROLS.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
 
 
+def capitalized(text: str) -> str:
+    """Return a text with its first letter raised; names and units after it keep their case."""
+    return text[:1].upper() + text[1:]
+
+
 #: What a text begins with that a spreadsheet takes for a formula, or for what comes before one; also as a full-width character.
 _FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from replay_kit.core.errors import severity_word
-from replay_kit.core.words.text import count_text, time_text
+from replay_kit.core.words.text import capitalized, count_text, time_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import doubtful_errors
 from replay_kit.results.views.contents import Contents
@@ -82,7 +82,7 @@ def _sentence(text: str) -> str:
     is_name = (
         any(letter in text.split(maxsplit=1)[0] for letter in "._/") if text.strip() else False
     )
-    return (text if is_name else text[:1].upper() + text[1:]) + ("" if text.endswith(".") else ".")
+    return (text if is_name else capitalized(text)) + ("" if text.endswith(".") else ".")
 
 
 def _cautions(outcome: Outcome) -> Iterator[str]:
@@ -253,7 +253,7 @@ def _errors_hold(outcome: Outcome) -> Light:
             (),
         )
     said, shown, hold = outcome.errors_text, f"{nis:.2f}", not doubtful_errors(outcome)
-    before, after = f"{said[:1].upper()}{said[1:]} (NIS/dof ", ", 1 expected)."
+    before, after = f"{capitalized(said)} (NIS/dof ", ", 1 expected)."
     return Light(
         "errors hold" if hold else "errors do not hold",
         "good" if hold else "care",

@@ -9,6 +9,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.words.quantities import parse_time
+from replay_kit.core.words.text import capitalized
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import KEPT, CurrentSlices, published_at
 from replay_kit.show.figures.draw import panels_svg
@@ -62,7 +63,7 @@ def _verdict(contents: Contents) -> tuple[str, str]:
         why = plan.message.partition(". ")[0]
         texts.append(f"the plan failed: {why}" if plan.status == "failed" else why)
     said = escape("; ".join(texts))
-    more = [f"{said[:1].upper()}{said[1:]}."] * bool(texts) + [f"Next step: {step}"] * (
+    more = [f"{capitalized(said)}."] * bool(texts) + [f"Next step: {step}"] * (
         word != "trust" and step != NO_STEP
     )
     return chip, "".join(f'<p class="below">{one}</p>' for one in more)

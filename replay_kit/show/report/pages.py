@@ -7,7 +7,7 @@ from typing import Any
 
 from replay_kit.core.errors import finding_line
 from replay_kit.core.extensions import additions
-from replay_kit.core.words.text import count_text, time_text
+from replay_kit.core.words.text import capitalized, count_text, time_text
 from replay_kit.results.mcap.topics import CONFIG_NAME
 from replay_kit.results.outcome.outcome import leaves
 from replay_kit.results.result import ResultFile
@@ -155,7 +155,7 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
         contents: Contents of the result.
         pages: File names of the vehicles' pages by vehicle.
     """
-    outcome, span, verdict = contents.outcome, contents.span_ns, str(contents.outcome.verdict)
+    outcome, span = contents.outcome, contents.span_ns
     links = {name: f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in pages.items()}
     rows = [
         (links.get(str(name), escape(str(name))), *(Sentence([cell]).html for cell in rest))
@@ -163,7 +163,7 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
     ]
     briefs = [f"{name}: {used} observations; {verdict}" for name, used, *_, verdict in rows]
     card = (
-        f"<h3>{escape(verdict[:1].upper() + verdict[1:])}</h3>"
+        f"<h3>{escape(capitalized(str(outcome.verdict)))}</h3>"
         f"{items_html([*map(escape, outcome.basis)])}<h3>Vehicles</h3>{items_html(briefs)}"
     )
     said = [
