@@ -296,7 +296,7 @@ HorizontalFunctions = NodeKernel | StreamFunctionLattice
 
 
 # Points, and places that they lie over, evaluated at once: both bound the matrices to some tens of MB.
-_POINTS, _PLACES = 4096, 128
+_POINTS, _PLACES = 4096, 256
 # Depths so far above the surface are rounded, as those of a planned track [m].
 _ROUNDED = 1e-3
 
@@ -364,7 +364,10 @@ def over_places(
     given = np.asarray(east) + 1j * np.asarray(north)
     at = np.broadcast_arrays(given, checked_depth(depth))
     points, depths = (axis.ravel() for axis in at)
-    order, out = np.argsort(points, kind="stable"), np.empty((points.size, 2))
+    # square by square: a tile of a lattice serves all points near each other
+    side = np.abs(points).max(initial=1.0) * np.sqrt(_PLACES / max(1, given.size))
+    squares = np.floor(points.imag / side), np.floor(points.real / side)
+    order, out = np.lexsort((points.imag, points.real, *squares)), np.empty((points.size, 2))
     # of a grid several depths over each place
     step = min(_POINTS, _PLACES * max(1, points.size // max(1, given.size)))
     for start in range(0, points.size, step):
