@@ -79,6 +79,7 @@ def test_whatever_a_dataset_can_be_made_of_is_a_table(table, expected):
             r"^measurements\['time'\]: .* outside 1970\.\.2262",
         ),
         ({"time": 1_542_330_000}, r"^measurements\['time'\]: .* got what would be seconds"),
+        ({"time": np.arange(48)}, r"^measurements\['time'\]: .* got 0; give text"),
     ],
 )
 def test_errors_of_a_table_name_its_column(change, words):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import replay_kit as rk
 from replay_kit.core.errors import ConfigError
@@ -32,7 +33,7 @@ def test_fed_message_by_message_and_asked_in_between_it_ends_with_the_estimate_o
 
 
 def test_before_a_message_it_knows_the_forecast_alone(ocean):
-    now = rk.live(ocean / "ensemble.nc", settings=SETTINGS)
+    now = rk.live(xr.load_dataset(ocean / "ensemble.nc"), settings=SETTINGS)
     mean = rk.open_ensemble(ocean / "ensemble.nc").velocity.mean(axis=0)
     grid = now.estimate.grid
     at = grid.longitude[2, 2], grid.latitude[2, 2], grid.levels[0]

@@ -70,7 +70,14 @@ class Velocities:
         if known.shape == ():
             place = place_text(float(self.longitude), float(self.latitude))
             where = f"Velocity at {place}, {depths}, {times}"
-            values = f"u {self.u:.3f} +- {self.u_standard_error:.3f}, v {self.v:.3f} +- {self.v_standard_error:.3f} m/s"
+            u, v = (
+                f"{value:.3f} +- {error:.3f}" if np.isfinite(error) else f"{value:.3f}"
+                for value, error in (
+                    (self.u, self.u_standard_error),
+                    (self.v, self.v_standard_error),
+                )
+            )
+            values = f"u {u}, v {v} m/s"
         else:
             where = f"Velocities at {known.size} points {known.shape}, {depths}, {times}"
             errors = span_text([self.u_standard_error, self.v_standard_error], 2)

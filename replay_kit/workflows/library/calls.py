@@ -134,7 +134,7 @@ def replay(
             "goal: the table has no vehicle position; plan on the estimate: plan(result.estimate, start, goal)"
         )
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
-    held = _Held(
+    held = Held(
         as_path(out, "out") if folder is None else folder / "result.mcap", overwrite, config
     )
     file = held.out
@@ -166,8 +166,7 @@ def replay(
     except BaseException as error:
         if folder is not None:
             shutil.rmtree(folder)
-        if isinstance(error, ReplayKitError):
-            error.args = tuple(held.named(str(words)) for words in error.args)
+        held.name(error)
         raise
     if 4 in outcome.exit_codes:
         lost = f"{len(outcome.losses)} damaged parts of the logs, {outcome.late} late messages"
@@ -208,7 +207,7 @@ def _notebook_progress() -> Iterator[Progress]:
 
 
 @dataclass(frozen=True)
-class _Held:
+class Held:
     """In-memory inputs, saved as files next to a result.
 
     Attributes:
@@ -235,6 +234,11 @@ class _Held:
         for path, name in self.names.items():
             words = words.replace(str(path), name).replace(path.name, name)
         return words
+
+    def name(self, error: BaseException) -> None:
+        """Rename the files of inputs in an error about them."""
+        if isinstance(error, ReplayKitError):
+            error.args = tuple(self.named(str(words)) for words in error.args)
 
     def log_paths(self, logs: Logs, vehicle: str = "") -> tuple[Path, ...]:
         """Return the logs of a replay or one of its vehicles; observations and tables are written to files."""
@@ -279,7 +283,7 @@ def _with_members(config: RunConfig, ensemble: Any) -> RunConfig:
     return config.model_copy(update={"forecast": forecast})
 
 
-def _vehicles(logs: Mapping[str, Any], goal: Any, held: _Held) -> tuple[Vehicle, ...]:
+def _vehicles(logs: Mapping[str, Any], goal: Any, held: Held) -> tuple[Vehicle, ...]:
     """Return the vehicles of a replay, each with its logs and goal."""
     goals: Mapping[str, Any] = goal if isinstance(goal, Mapping) else {}
     if not logs or (unknown := [name for name in goals if name not in logs]):
@@ -353,17 +357,24 @@ def open_ensemble(ensemble: Forecast, *, settings: Settings = None) -> Ensemble:
     Raises:
         ForecastError: A file is missing or is not an ensemble.
     """
-    config = _with_members(settings_of(settings), ensemble)
+    with forecast_files(ensemble, settings_of(settings)) as held:
+        paths = [path for group in held.forecast_paths(ensemble) for path in group]
+        # what is not in memory is a path, a list or a pattern, whose words errors repeat
+        asked: Any = paths if held.names else ensemble
+        found = read_ensemble(asked, held.config.forecast)
+        return replace(found, source=held.named(found.source))
+
+
+@contextmanager
+def forecast_files(ensemble: Forecast, config: RunConfig) -> Iterator[Held]:
+    """Yield the settings of a forecast, and a place for its files while they are read; errors name it as the caller does."""
     with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder:
-        held = _Held(Path(folder) / "result.mcap", overwrite=False, config=config)
+        file = Path(folder) / "result.mcap"
+        held = Held(file, overwrite=False, config=_with_members(config, ensemble))
         try:
-            paths = [path for group in held.forecast_paths(ensemble) for path in group]
-            # what is not in memory is a path, a list or a pattern, whose words errors repeat
-            asked: Any = paths if held.names else ensemble
-            found = read_ensemble(asked, config.forecast)
-            return replace(found, source=held.named(found.source))
+            yield held
         except ReplayKitError as error:
-            error.args = tuple(held.named(str(words)) for words in error.args)
+            held.name(error)
             raise
 
 

@@ -17,14 +17,22 @@ from threadpoolctl import ThreadpoolController
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, Finding
-from replay_kit.core.files.paths import Paths, as_groups
+from replay_kit.core.files.paths import Paths
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.words.progress import Stopwatch
 from replay_kit.measurements.step import for_region
-from replay_kit.workflows.library.calls import At, Settings, place_of, planned, settings_of
+from replay_kit.workflows.library.calls import (
+    At,
+    Forecast,
+    Settings,
+    forecast_files,
+    place_of,
+    planned,
+    settings_of,
+)
 from replay_kit.workflows.replay.consistency import checked_speeds
 from replay_kit.workflows.replay.inputs.forecast import build, read_forecasts
 from replay_kit.workflows.replay.inputs.planner import PlanQuery
@@ -33,17 +41,18 @@ from replay_kit.workflows.replay.surfacings import forecast_end
 from replay_kit.workflows.replay.vehicle import Setup
 
 
-def live(ensemble: Paths, *, settings: Settings = None) -> Live:
+def live(ensemble: Forecast, *, settings: Settings = None) -> Live:
     """Return an estimate that is updated by feeding messages.
 
     Args:
-        ensemble: Files of the forecast, see ``replay``. The whole region is used, or ``forecast.region``.
+        ensemble: The forecast, see ``replay``. The whole region is used, or ``forecast.region``.
         settings: See ``replay``.
 
     Raises:
         ReplayKitError: The forecast cannot be used, or a setting is wrong.
     """
-    return Live(as_groups(ensemble, "ensemble"), settings_of(settings))
+    with forecast_files(ensemble, settings_of(settings)) as held:
+        return Live(held.forecast_paths(ensemble), held.config)
 
 
 class Live:

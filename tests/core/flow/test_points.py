@@ -95,6 +95,7 @@ def test_points_become_tables_and_datasets_and_short_texts(flow):
         (replace(flow, time_ns=None).velocity_at(*HERE), "no time"),
         (changing(), "20Z (at(time) gives it for another time), 4 modes a level"),
         (flow.mean_flow(), "(no model of time), no uncertainty"),
+        (flow.mean_flow().velocity_at(*HERE), f"u {one.u:.3f}, v {one.v:.3f} m/s"),
     ):
         assert text in repr(value)
 
