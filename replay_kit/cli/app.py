@@ -12,7 +12,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from cyclopts import App, CycloptsError, Group, Parameter, Token
-from cyclopts.exceptions import MissingArgumentError, UnknownOptionError
+from cyclopts.exceptions import (
+    MissingArgumentError,
+    UnknownOptionError,
+    UnusedCliTokensError,
+)
 
 from replay_kit.cli import console
 from replay_kit.cli.options import CHOICES, before_conversion
@@ -264,10 +268,12 @@ def _explained(error: CycloptsError) -> str:
     if isinstance(error, MissingArgumentError):
         # what is missing may be what was misspelt
         error = _misspelt(error) or error
-    message = str(error)
+    message, form = str(error), f"expected replay-kit {command} {FORMS.get(command, '')}."
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         what = error.argument.name if error.keyword is None else f"{error.keyword}: its value"
-        message = f"{what} is missing; expected replay-kit {command} {FORMS[command]}."
+        message = f"{what} is missing; {form}"
+    elif isinstance(error, UnusedCliTokensError) and error.unused_tokens:
+        message = f"'{error.unused_tokens[0]}' is one too many; {form}"
     elif isinstance(error, UnknownOptionError):
         from replay_kit.cli.settings import settings_named
 

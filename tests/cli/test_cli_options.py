@@ -95,6 +95,10 @@ FORM = "expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap."
         # an underscore and words after two hyphens are no unknown options
         ("replay --dry_run --offline -- --mode", "--ensemble is missing"),
         ("experiment paper -o out", "--ensemble is missing; expected replay-kit experiment paper"),
+        (
+            "report a.mcap b.mcap -o x.html",
+            "'b.mcap' is one too many; expected replay-kit report RESULT.mcap",
+        ),
     ],
 )
 def test_a_missing_option_is_named_with_the_form_of_the_command(line, missing):

@@ -212,9 +212,9 @@ class LogInfo:
 
     @property
     def is_result(self) -> bool:
-        """Whether the log is a result of a replay."""
+        """Whether the log is a result of ``replay`` or ``plan``."""
         return any(
-            topic.schema in ("replay_kit.Innovations", "replay_kit.FlowEstimate")
+            topic.schema in ("replay_kit.Innovations", "replay_kit.Estimate", "replay_kit.Plan")
             for topic in self.topics.values()
         )
 
@@ -245,7 +245,7 @@ class LogInfo:
     def use(self) -> str:
         """Possible use of the log, as text."""
         if self.is_result and not (self.content.bins or self.content.mean_currents):
-            return "a result of a replay, to be opened with status, report, plot, export or plan"
+            return "a result of replay or plan, to be opened with status, report, plot or export"
         return use_of(self.content)
 
 

@@ -320,8 +320,8 @@ def next_command(
     if asks_for_replay(logs):
         settings = "".join(f"{shlex.quote(word)} " for word in options)
         return [f"Next: replay-kit replay {given} --ensemble {forecast} {settings}-o RESULT.mcap"]
-    if any(log.is_result for log in logs):
-        return [f"Next: replay-kit report {given}"]
+    if results := [log.files[0] for log in logs if log.is_result]:
+        return [f"Next: replay-kit report {shlex.quote(str(results[0]))}"]
     if any(log.mappable for log in logs):
         return [
             f"Next: replay-kit info {given} --suggest map.toml",

@@ -179,6 +179,14 @@ def test_topics_of_unknown_types_are_named_and_what_is_printed_to_type_runs(tmp_
     assert (tmp_path / "RESULT.mcap").exists()
 
 
+def test_a_plan_alone_is_a_result_to_be_opened(tmp_path):
+    plan = json_mcap([(0, "/plan/controls", "replay_kit.Plan", {"speed": 0.3, "depth": 5.0})])
+    (tmp_path / "plan.mcap").write_bytes(plan)
+    said = succeed(f"info {tmp_path}/plan.mcap").stdout
+    assert "Use: a result of replay or plan" in said
+    assert said.splitlines()[-1] == f"Next: replay-kit report {tmp_path}/plan.mcap"
+
+
 def test_a_netcdf_file_of_no_known_dialect_is_rows_and_without_rows_no_log(tmp_path):
     track = made.samples(600.0)
     rows = {"t": track["time"], "lat": track["latitude"], "lon": track["longitude"]}
