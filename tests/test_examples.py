@@ -19,7 +19,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.estimator.baselines import build_named
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.logs.netcdf.reader import dialect_of
+from replay_kit.logs.netcdf.dialects import dialect_of
 from replay_kit.logs.tables import schemas
 from replay_kit.measurements.checks.check import added_checks
 from replay_kit.measurements.observed import begun

@@ -95,7 +95,7 @@ FORMATS = (
     LogFormat(
         "netcdf",
         "a NetCDF file of a glider, an HF radar, drifters or pings",
-        "netcdf.reader:logs_of_columns",
+        "netcdf.dialects:logs_of_columns",
         magic=rb"CDF[\x01\x02\x05]|\x89HDF",
         endings=r".*\.(nc|nc4|cdf)",
         unchecked=_VALUES,
@@ -104,7 +104,7 @@ FORMATS = (
     LogFormat(
         "seaexplorer",
         "a SeaExplorer's file",
-        "netcdf.reader:logs_of_seaexplorers",
+        "netcdf.dialects:logs_of_seaexplorers",
         recognises=is_seaexplorer,
         endings=r".*\.(gli|pld1)(\.(sub|raw|all))?(\.\d+)?(\.gz)?",
         unchecked=_VALUES,
@@ -150,7 +150,7 @@ FORMATS = (
     LogFormat(
         "table",
         "a table of pings or drifters (CSV)",
-        "netcdf.reader:logs_of_tables",
+        "netcdf.dialects:logs_of_tables",
         recognises=_is_csv,
         unchecked=_VALUES,
         grouped=True,

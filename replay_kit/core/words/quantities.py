@@ -128,13 +128,6 @@ def measured_at(time: Any, what: str) -> "NDArray[np.int64]":
         raise ConfigError(
             f"{what}: expected nanoseconds since 1970 (UTC), got what would be {unit}; give text, datetime64 or nanoseconds"
         )
-    import numpy as np
-
-    # dates of earlier years are stated as such; whole numbers so small count something else, as rows
-    if np.asarray(time).dtype.kind in "iu" and (time_ns < EARLIEST_NS).any():
-        raise ConfigError(
-            f"{what}: expected nanoseconds since 1970 (UTC), got {time_ns.min()}; give text, datetime64 or nanoseconds"
-        )
     return time_ns
 
 

@@ -1,4 +1,4 @@
-"""Screening: usable bins for an estimator of a region, and innovations of unused measurements."""
+"""Screening: usable bins for an estimator of a region, and innovations of unused measurements; ``assimilate.py`` judges the others."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -15,7 +15,7 @@ from replay_kit.core.arrays import Indices, Mask
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.dialects import SIZES, Dialect, flag_names
+from replay_kit.logs.netcdf.dialect import SIZES, Dialect, flag_names
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.reader import Told
 

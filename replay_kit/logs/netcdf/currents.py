@@ -14,7 +14,7 @@ from replay_kit.core.arrays import Indices
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Fix
 from replay_kit.logs.netcdf.columns import Columns, Table, are_known, rows_of, stacked
-from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.dialect import Dialect
 from replay_kit.logs.payloads import number, stamp
 from replay_kit.logs.reader import Told
 

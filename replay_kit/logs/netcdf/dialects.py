@@ -1,173 +1,395 @@
-"""Dialect of columnar files: how its files are recognised, and the names and units of their contents.
+"""Dialects of glider files, and reading of columnar files, NetCDF and text tables, by dialect.
 
-Names are case-insensitive. The first name of a quantity in a file is read, after standard names.
+To add one, write its ``Dialect`` here and add it to ``GLIDERS``. Quantities are those of samples along the track, or begin with what they
+are of: fixes (``gps_``), fixes after dives (``end_``), mean currents (``dac_``), absolute profiles (``profile_``).
 """
 
-import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any, Literal
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.message import NO_MEANS
-from replay_kit.core.words.quantities import metres_per_second
-from replay_kit.logs.netcdf.units import Quantity, quantity_of
-from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
-from replay_kit.logs.payloads import Entry
-from replay_kit.logs.reader import Entries, Told
+from replay_kit.core.extensions import additions
+from replay_kit.logs.netcdf.adcp import midas_pings, seaexplorer_pings, seaglider_pings
+from replay_kit.logs.netcdf.dialect import Dialect
+from replay_kit.logs.netcdf.glider import glider, missions_of
+from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
+from replay_kit.logs.netcdf.unknown import NEEDED, PINGS, ROWS, require_no_grid
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf, open_text
+from replay_kit.logs.reader import LogFile, Told, WholeLog
 
-Names = Mapping[str, str]
-# not at the surface, nor relative to the vehicle
-_CURRENT = re.compile(r"(?:[a-z]+_)*?(eastward|northward)_sea_water_velocity(?:_\w+)?")
-#: Variables that say how many samples each profile of a ragged array has, where no attribute does; and of which mission a file is.
-SIZES, MISSIONS = ("rowsize", "row_size"), ("trajectory", "mission_name")
+# Seaglider: the files of its basestation, with or without an ADCP.
+_SEAGLIDER = Dialect(
+    "seaglider",
+    "Seaglider basestation",
+    "log_gps_time log_gps_lat log_gps_lon",
+    {
+        "time": "ctd_time time",
+        "longitude": "longitude",
+        "latitude": "latitude",
+        "depth": "ctd_depth depth",
+        "pressure": "ctd_pressure",
+        "temperature": "temperature",
+        "salinity": "salinity",
+        "declination": "magnetic_variation",
+        "gps_time": "log_gps_time",
+        "gps_longitude": "log_gps_lon",
+        "gps_latitude": "log_gps_lat",
+        "gps_error": "log_gps_hpe",
+        "gps_flag": "log_gps_qc",
+        "dac_east": "depth_avg_curr_east",
+        "dac_north": "depth_avg_curr_north",
+        "dac_error": "depth_avg_curr_error",
+        "dac_flag": "depth_avg_curr_qc",
+        "radius": "log_tgt_radius",
+    },
+    flag_meanings="3 QC_PROBABLY_BAD 4 QC_BAD 6 QC_UNSAMPLED 9 QC_MISSING",
+    heading="magnetic",
+    beside="(ad2cp_|log_dive).*",
+    dac_kind="hydrodynamic_model",
+    pings=seaglider_pings,
+)
+
+# Nortek's AD2CP on a glider, exported by MIDAS: pings alone.
+_MIDAS = Dialect(
+    "midas",
+    "Nortek AD2CP exported by MIDAS",
+    "time velocitybeam1 velocitybeam2 heading pitch roll",
+    {"time": "time"},
+    heading="magnetic",
+    beside="(velocity|correlation|amplitude|heading|pitch|roll|pressure|speedofsound|accelerometerz|temperature).*",
+    pings=midas_pings,
+)
+
+# Slocum: NetCDF with the glider's own names, as of dbd2netcdf and xarray-dbd.
+_SLOCUM = Dialect(
+    "slocum",
+    "Slocum, exported with the glider's own names",
+    "m_present_time|sci_m_present_time m_lat|m_gps_lat",
+    {
+        "time": "m_present_time sci_m_present_time",
+        "longitude": "m_lon",
+        "latitude": "m_lat",
+        "depth": "m_depth",
+        "pressure": "sci_water_pressure m_pressure",
+        "temperature": "sci_water_temp",
+        "conductivity": "sci_water_cond",
+        "heading": "m_heading",
+        "pitch": "m_pitch",
+        "roll": "m_roll",
+        "declination": "m_gps_mag_var",
+        "gps_longitude": "m_gps_lon",
+        "gps_latitude": "m_gps_lat",
+        "dac_east": "m_final_water_vx m_water_vx m_initial_water_vx",
+        "dac_north": "m_final_water_vy m_water_vy m_initial_water_vy",
+    },
+    units={
+        **dict.fromkeys(("longitude", "latitude", "gps_longitude", "gps_latitude"), "nmea"),
+        **dict.fromkeys(("heading", "pitch", "roll", "declination"), "rad"),
+        "pressure": "bar",
+    },
+    raw=True,
+)
+
+#: Slocum's binary files, put together by ``logs/slocum``; the files themselves are recognised by their first bytes.
+SLOCUM_BINARY = replace(
+    _SLOCUM,
+    name="slocum-binary",
+    title="Slocum's binary files",
+    signature="",
+    names={
+        **_SLOCUM.names,
+        "gps_time": "gps_time",
+        "gps_flag": "m_gps_status",
+        "dac_time": "report_time",
+        "dac_east": "m_water_vx",
+        "dac_north": "m_water_vy",
+        "altitude": "m_altitude",
+        "water_depth": "m_water_depth",
+        "voltage": "m_battery",
+        "charge_used": "m_coulomb_amphr_total",
+        "waypoint_longitude": "c_wpt_lon",
+        "waypoint_latitude": "c_wpt_lat",
+    },
+    units={},
+    log_of="mission",
+)
+
+# of OG1, IOOS templates and pyglider, in any case
+_CTD, _ATTITUDE = "pressure temperature salinity conductivity", "heading pitch roll"
+_USUAL = {name: name for name in f"time longitude latitude depth {_CTD} {_ATTITUDE}".split()}
+# a profile's means have one name in all files that follow the IOOS template
+_UV = {
+    "dac_east": "u",
+    "dac_north": "v",
+    "dac_time": "time_uv",
+    "dac_longitude": "lon_uv",
+    "dac_latitude": "lat_uv",
+    "dac_flag": "u_qc",
+}
+
+# IOOS GliderDAC v2 and v3: a file a profile.
+_GLIDERDAC = Dialect(
+    "gliderdac",
+    "IOOS GliderDAC",
+    "time lat lon profile_id profile_time|time_uv",
+    {
+        **_USUAL,
+        "longitude": "lon",
+        "latitude": "lat",
+        **_UV,
+    },
+    log_of="mission",
+)
+
+# Spray: dives in bins, as CUGN publishes them.
+_SPRAY = Dialect(
+    "spray",
+    "Spray, binned (CUGN)",
+    "time lat lon depth u|u_depth_mean u_depth_mean|mission_name|mission_profile|trajectory_index",
+    {
+        "time": "time",
+        "longitude": "lon",
+        "latitude": "lat",
+        "profile_depth": "depth",
+        "profile_east": "u",
+        "profile_north": "v",
+        **_UV,
+        "dac_east": "u_depth_mean",
+        "dac_north": "v_depth_mean",
+        "dac_flag": "",
+    },
+    ascent_share=0.75,
+)
+
+# OceanGliders OG1, as of seagliderOG1, VOTO, BODC and Spray; and EGO before it, of which no real file was tried.
+_OG1 = Dialect(
+    "og1",
+    "OceanGliders OG1",
+    "time latitude longitude profile_number|divenum|dive_number|phase_number phase|trajectory",
+    {
+        **_USUAL,
+        # not depth_z, which has the standard name of a depth and the sign of a height
+        "depth": "depth glider_depth",
+        "pressure": "pres pressure",
+        "temperature": "temp temperature",
+        "salinity": "psal salinity",
+        "conductivity": "cndc conductivity",
+        "heading": "heading glider_heading",
+        "pitch": "pitch glider_pitch",
+        "roll": "roll glider_roll",
+        "dive": "dive_number divenum",
+        "gps_time": "time_gps",
+        "gps_longitude": "longitude_gps",
+        "gps_latitude": "latitude_gps",
+        "end_time": "time_gps_end",
+        "end_longitude": "longitude_gps_end",
+        "end_latitude": "latitude_gps_end",
+        "end_flag": "gps_end_qc",
+        "gps_flag": "gps_start_qc latitude_gps_qc",
+        "dac_east": "davg_curr_east watercurrents_u wcur_x water_velocity_eastward",
+        "dac_north": "davg_curr_north watercurrents_v wcur_y water_velocity_northward",
+        "dac_time": "time_uv",
+        "dac_longitude": "longitude_uv",
+        "dac_latitude": "latitude_uv",
+        "dac_flag": "davg_curr_east_qc wcur_qc watercurrents_u_qc",
+    },
+    convention="OG-1",
+    heading="magnetic",
+)
+
+# slocum-glide's L2.
+_SLOCUM_GLIDE = Dialect(
+    "slocum-glide",
+    "slocum-glide (L2)",
+    "time lat lon dive_id climb_id state",
+    {
+        **_GLIDERDAC.names,
+        "gps_time": "time_gps",
+        "gps_longitude": "lon_gps",
+        "gps_latitude": "lat_gps",
+    },
+)
+
+# GliderDAC's profiles, aggregated by ERDDAP.
+_ERDDAP = Dialect(
+    "erddap",
+    "GliderDAC aggregated by ERDDAP",
+    "time latitude longitude profile_id depth|precise_time",
+    {
+        **_GLIDERDAC.names,
+        # time, latitude and longitude are those of the profile, repeated at each of its samples
+        "time": "precise_time time",
+        "longitude": "precise_lon longitude",
+        "latitude": "precise_lat latitude",
+        "dac_longitude": "longitude_uv lon_uv",
+        "dac_latitude": "latitude_uv lat_uv",
+    },
+)
+
+# pyglider's time series, L0.
+_PYGLIDER = Dialect(
+    "pyglider",
+    "pyglider time series (L0)",
+    "time latitude longitude profile_index|profile_num|dive_num",
+    {
+        **_USUAL,
+        "declination": "declination",
+        "dive": "dive_num",
+        "dead_reckoning": "dead_reckoning",
+        "nav_state": "nav_state",
+        "dac_east": "water_velocity_eastward u",
+        "dac_north": "water_velocity_northward v",
+    },
+)
+
+# The SOCIB glider toolbox, L1 and L2.
+_SOCIB = Dialect(
+    "socib",
+    "SOCIB glider toolbox (L1, L2)",
+    "time latitude longitude water_velocity_eastward water_velocity_northward",
+    _PYGLIDER.names,
+)
+
+# SeaExplorer: raw files of the glider and its payload.
+_SEAEXPLORER = Dialect(
+    "seaexplorer",
+    "SeaExplorer raw",
+    "timestamp|pld_realtimeclock lat|nav_latitude lon|nav_longitude",
+    {
+        "time": "timestamp pld_realtimeclock",
+        "longitude": "lon nav_longitude",
+        "latitude": "lat nav_latitude",
+        "depth": "depth nav_depth",
+        "heading": "heading",
+        "pitch": "pitch",
+        "roll": "roll",
+        "declination": "declination",
+        "dead_reckoning": "deadreckoning",
+        "nav_state": "navstate nav_resource",
+    },
+    units={
+        **dict.fromkeys(("longitude", "latitude"), "nmea"),
+        **dict.fromkeys(("heading", "pitch", "roll", "declination"), "degrees"),
+        "depth": "m",
+    },
+    beside="ad2cp_.*",
+    pings=seaexplorer_pings,
+    log_of="mission",
+    raw=True,
+)
+
+#: In the order in which they are tried: the narrower signature first.
+GLIDERS: tuple[Dialect, ...] = (
+    _SEAGLIDER,
+    _MIDAS,
+    _SLOCUM,
+    _SPRAY,
+    _OG1,
+    _SLOCUM_GLIDE,
+    _GLIDERDAC,
+    _ERDDAP,
+    _PYGLIDER,
+    _SOCIB,
+    _SEAEXPLORER,
+)
 
 
-def flag_names(name: str) -> Sequence[str]:
-    """Return the names under which the quality flags of a variable stand beside it."""
-    return f"{name}_QC", f"{name}_qc"
+Form = Literal["netcdf", "seaexplorer", "table"]
+#: All dialects, in the order in which they are tried; a file of none is of ``PINGS`` or ``ROWS``.
+DIALECTS: tuple[Dialect, ...] = (*GLIDERS, TOTALS, DRIFTERS)
 
 
-#: Reads the files of one log, in a dialect.
-Read = Callable[[Sequence[NetcdfFile], "Dialect", LogConfig, Told], Entries]
+def dialect_of(
+    held: Mapping[str, Stored], attributes: Mapping[str, Any], text: bool = False
+) -> Dialect | None:
+    """Return the dialect of a file with these variables and attributes; None if unknown.
 
-
-@dataclass(frozen=True, slots=True)
-class Dialect:
-    """Convention of columnar files.
-
-    Attributes:
-        name: As in ``LogReport.format``.
-        title: Description.
-        signature: Names that all files of the dialect have; ``a|b`` is either.
-        names: Quantity to its possible names in order of preference, separated by spaces. Those that end in ``time`` are times, in
-            ``flag`` flags.
-        convention: Text in the attribute ``Conventions`` that identifies the dialect; empty for none.
-        standard: Quantity to the standard name that is tried before its names.
-        quantities: Unit and bounds of quantities that differ from the usual ones.
-        units: Unit of a quantity if files do not state it.
-        flag_meanings: ``value meaning`` pairs of flags if files do not state them.
-        heading: Reference of headings.
-        beside: Pattern of further names that are read, in lower case.
-        ascent_share: Position of a profile's own time and place in the dive, from 0 (start) to 1 (end); 0 if unknown.
-        dac_kind: How the mean currents were computed.
-        pings: Reads the pings of an ADCP from a file and adds notes on assumptions; None without an ADCP.
-        log_of: Files of one log: each alone, those of one ``mission``, or ``all`` of the dialect.
-        raw: Whether values are raw vehicle data: units are fixed, and positions before the first fix are unfounded.
-        read: Reader of the columns; None for gliders.
-        by_times: Whether a file may exceed memory: only its times are read when it is opened.
+    Args:
+        held: Variables of the file.
+        attributes: Global attributes of the file.
+        text: Whether it is a text table other than a SeaExplorer's, which excludes glider dialects and those read in parts.
     """
-
-    name: str
-    title: str
-    signature: str
-    names: Names
-    convention: str = ""
-    standard: Names = field(default_factory=dict)
-    quantities: Mapping[str, Quantity] = field(default_factory=dict)
-    units: Names = field(default_factory=dict)
-    flag_meanings: str = ""
-    heading: Literal["magnetic", "true", "unknown"] = "unknown"
-    beside: str = ""
-    ascent_share: float = 0.0
-    dac_kind: str = "dead_reckoning"
-    pings: Callable[[NetcdfFile, list[str]], Iterator[Entry]] | None = None
-    log_of: Literal["file", "mission", "all"] = "file"
-    raw: bool = False
-    read: Read | None = None
-    by_times: bool = False
-
-    def recognises(self, names: Collection[str], attributes: Mapping[str, Any]) -> bool:
-        """Return whether a file with these variables and attributes is of the dialect."""
-        lower = {name.lower() for name in names}
-        stated = str(attributes.get("Conventions", attributes.get("conventions", "")))
-        if self.convention and self.convention in stated.upper():
-            return True
-        wanted = self.signature.split()
-        return bool(wanted) and all(not lower.isdisjoint(each.split("|")) for each in wanted)
-
-    def quantity_of(self, key: str) -> Quantity | None:
-        """Return unit and bounds of a quantity; None for texts, flags and times."""
-        return self.quantities.get(key) or quantity_of(key)
-
-    def chosen(self, held: Mapping[str, Stored]) -> dict[str, str]:
-        """Return the variable of each quantity of a file, in the file's case."""
-        own = {name.lower(): name for name in held}
-        found = {}
-        for key, listed in self.names.items():
-            names = [own[name] for name in listed.split() if name in own]
-            if standard := self.standard.get(key):
-                stated = [name for name, one in held.items() if one.standard == standard]
-                names = stated if len(stated) == 1 else names
-            if names:
-                found[key] = names[0]
-        return found
-
-    def wanted(self, held: Mapping[str, Stored]) -> list[str]:
-        """Return the variables to read: those of quantities, their flags, and further ones."""
-        found = self.chosen(held)
-        chosen = set(found.values())
-        if self.read is None and not {"dac_east", "dac_north"} <= found.keys():
-            chosen |= {name for name, stored in held.items() if self._may_be_mean(name, stored)}
-        chosen |= {flag for name in chosen for flag in flag_names(name)}
-        always = (*SIZES, *MISSIONS)
-        return [
-            name
-            for name in held
-            if name in chosen or self._is_beside(name) or name.lower().startswith(always)
-        ]
-
-    def _is_beside(self, name: str) -> bool:
-        return re.fullmatch(self.beside, name.lower()) is not None
-
-    def _may_be_mean(self, name: str, stored: Stored) -> bool:
-        """Return whether a variable may be a component of a mean current, by standard name or by a unit of velocity."""
-        by_unit = not stored.standard and metres_per_second(stored.units) is not None
-        return not self._is_beside(name) and (by_unit or bool(_direction(stored)))
-
-    def by_standard_names(self, held: Mapping[str, Stored], notes: list[str]) -> dict[str, str]:
-        """Return the variable of each quantity; components of currents by standard name if any has one.
-
-        Args:
-            held: Variables of the file.
-            notes: Receives conflicts of names and standard names, and possible mean currents.
-        """
-        found = self.chosen(held)
-        for part in ("dac", "profile"):
-            keys = (f"{part}_east", f"{part}_north")
-            if not {*keys} <= found.keys():
-                continue
-            named = [found[key] for key in keys]
-            stated = [_direction(held[name]) for name in named]
-            if stated in (["north", "east"], ["north", ""], ["", "east"]):
-                found |= dict(zip(keys, reversed(named), strict=True))
-                how = "read as their standard names state, northward and eastward; their names state the opposite"
-                notes.append(f"{' and '.join(named)}: {how}")
-            elif stated[0] == stated[1] != "":
-                how = f"both have the standard name of the {stated[0]}ward component; read by their names"
-                notes.append(f"{' and '.join(named)}: {how}")
-        if {"dac_east", "dac_north"} <= found.keys():
-            return found
-        free = {
-            name: stored
-            for name, stored in held.items()
-            if name not in found.values()
-            and stored.values.ndim < 2
-            and self._may_be_mean(name, stored)
-        }
-        directed = {name: to for name, stored in free.items() if (to := _direction(stored))}
-        sizes = {held[name].values.size for name in directed}
-        if sorted(directed.values()) == ["east", "north"] and len(sizes) == 1:
-            return found | {f"dac_{to}": name for name, to in directed.items()}
-        if free:
-            notes.append(
-                f"{NO_MEANS}{', '.join(free)} may be them, by their unit, but no standard name says which is east and which north; "
-                "state eastward_sea_water_velocity and northward_sea_water_velocity"
-            )
-        return found
+    added = additions("dialects", lambda value: isinstance(value, Dialect), "a Dialect").values()
+    return next(
+        (
+            dialect
+            for dialect in (*DIALECTS, *added)
+            if (not text or (dialect.read is not None and not dialect.by_times))
+            and dialect.recognises(held, attributes)
+        ),
+        None,
+    )
 
 
-def _direction(stored: Stored) -> str:
-    """Return ``east`` or ``north`` for a variable with the standard name of a current component; empty for others."""
-    match = _CURRENT.fullmatch(stored.standard)
-    return "" if match is None or match[0].startswith("surface") else match[1][:-4]
+def log_of_columns(
+    files: Sequence[NetcdfFile],
+    dialect: Dialect,
+    told: Told,
+    config: LogConfig | None,
+) -> WholeLog:
+    """Return the log of some files in one dialect.
+
+    Args:
+        files: Files of the log in order of time; the first gives its name.
+        dialect: Dialect of the files.
+        told: Findings when the files were opened.
+        config: Settings of log reading.
+
+    Raises:
+        LogError: A file cannot be read, or the unit of a variable is unknown.
+    """
+    paths = [path for file in files for path in file.sources or (file.path,)]
+    entries = (dialect.read or glider)(files, dialect, config or LogConfig(), told)
+    return WholeLog(paths, dialect.name, told, entries, config, dialect.read is None)
+
+
+def logs_of_columns(
+    paths: Sequence[Path], config: LogConfig | None, form: Form = "netcdf"
+) -> list[LogFile]:
+    """Return the readers of files, of which those of one mission, or of one dialect, are one log.
+
+    Args:
+        paths: Files.
+        config: Settings of log reading.
+        form: NetCDF, text of a SeaExplorer, or another text table.
+
+    Raises:
+        LogError: A file cannot be read, or is a forecast.
+    """
+    groups: dict[Any, tuple[Dialect, list[NetcdfFile]]] = {}
+    for number, path in enumerate(paths):
+        file, dialect = _opened(path, form, config or LogConfig())
+        missions = missions_of(file, dialect.name) if dialect.log_of == "mission" else ()
+        key = number if dialect.log_of == "file" else (dialect.name, *missions)
+        groups.setdefault(key, (dialect, []))[1].append(file)
+    return [log_of_columns(files, dialect, Told(), config) for dialect, files in groups.values()]
+
+
+def _opened(path: Path, form: Form, config: LogConfig) -> tuple[NetcdfFile, Dialect]:
+    """Return the variables of a file that its dialect reads, and the dialect."""
+    found: list[Dialect] = []
+
+    def choose(held: Mapping[str, Stored], attributes: Mapping[str, Any]) -> list[str]:
+        dialect = dialect_of(held, attributes, form == "table")
+        if dialect is None:
+            flat = {name: stored for name, stored in held.items() if stored.extents < 3}
+            require_no_grid(path, held)
+            asked = form != "netcdf" or config.columns or PINGS.chosen(flat).keys() >= NEEDED
+            dialect, held = (PINGS, flat) if asked else (ROWS, held)
+        found.append(dialect)
+        if dialect.by_times:
+            return [dialect.chosen(held)["time"]]
+        return dialect.wanted(held)
+
+    file = (
+        open_netcdf(path, choose) if form == "netcdf" else open_text(path, choose, form == "table")
+    )
+    return file, found[0]
+
+
+#: Readers of text.
+logs_of_seaexplorers = partial(logs_of_columns, form="seaexplorer")
+logs_of_tables = partial(logs_of_columns, form="table")

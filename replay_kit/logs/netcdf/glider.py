@@ -19,7 +19,7 @@ from replay_kit.logs.netcdf.currents import (
     mean_currents,
     places_in,
 )
-from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect
+from replay_kit.logs.netcdf.dialect import MISSIONS, Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.payloads import DIVE_MEAN, FIX, Entry, entries, fix_entries, location_fix
 from replay_kit.logs.reader import Entries, Told

@@ -23,7 +23,7 @@ from replay_kit.logs.netcdf.columns import (
     read_values,
     worst_flag,
 )
-from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.dialect import Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.payloads import Entry, entries, numbers, stamp
 from replay_kit.logs.reader import Entries, Told

@@ -15,11 +15,11 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.observation import Observation, usable
-from replay_kit.core.words.quantities import measured_at
+from replay_kit.core.words.quantities import EARLIEST_NS, measured_at
 from replay_kit.core.words.text import some_text
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import Table, are_known, read_values, rows_of, without_bad
-from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.dialect import Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.payloads import PING, entries, numbers, stamp
 from replay_kit.logs.reader import Entries, Told
@@ -71,7 +71,12 @@ def profiles_in_memory(
     table, chosen = _chosen(NetcdfFile(Path(name), {}, variables, ()), asked)
     time = table.variables[chosen["time"]]
     if " since " not in time.units:
-        time_ns = measured_at(time.values, f"{name}['{chosen['time']}']")
+        time_ns = measured_at(time.values, what := f"{name}['{chosen['time']}']")
+        # dates of earlier years are stated as such; whole numbers so small count something else, as rows
+        if time.values.dtype.kind in "iu" and (time_ns < EARLIEST_NS).any():
+            raise ConfigError(
+                f"{what}: expected nanoseconds since 1970 (UTC), got {time_ns.min()}; give text, datetime64 or nanoseconds"
+            )
         dated = {chosen["time"]: Stored(time_ns.astype("M8[ns]"), {}, time.dims)}
         table = replace(table, variables={**table.variables, **dated})
     return profiles_of(table, asked, notes)

@@ -14,7 +14,7 @@ from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Loss
 from replay_kit.logs.netcdf.columns import rows_of, stacked
-from replay_kit.logs.netcdf.reader import SLOCUM_BINARY, log_of_columns
+from replay_kit.logs.netcdf.dialects import SLOCUM_BINARY, log_of_columns
 from replay_kit.logs.netcdf.units import from_minutes
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.reader import LogFile, Told, WholeLog, read_bytes

@@ -11,7 +11,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import LinearMeasurement, Observation
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines import nearest_member
-from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.dialect import Dialect
 from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, windows
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.page import Section

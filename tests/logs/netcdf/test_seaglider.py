@@ -8,7 +8,7 @@ import xarray as xr
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
-from replay_kit.logs.netcdf.reader import GLIDERS
+from replay_kit.logs.netcdf.dialects import GLIDERS
 from replay_kit.logs.netcdf.variables import open_netcdf
 from replay_kit.measurements import observations
 from tests.logs.netcdf import glider_samples as made
