@@ -288,12 +288,15 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> tuple[str
     """
     found = [leaf for leaf in _leaves(payload) if not _ELSEWHERE.search(leaf.path)]
     numbers = [leaf for leaf in found if not leaf.shape]
-    place, depth = _place(numbers), _depth_line(numbers)
+    place = _lines(_picked(numbers, "longitude", "latitude"), "angle_unit", "deg")
+    depth = _depth_line(numbers)
     profile, velocity = _profile(found), _picked(numbers, "east", "north")
     if profile:
         kind, lines = "profile", profile + place
     elif velocity:
-        kind, lines = "velocity", _velocity(velocity) + place + (depth or _where(place))
+        # without a depth its own place, or the vehicle's, needs one
+        where = _line("at_depth" if place else "distance", 0.0, f"{_CHECK}: state it, in m")
+        kind, lines = "velocity", _velocity(velocity) + place + (depth or [where])
     else:
         kind, lines = "position" if place else "depth", place + depth
     head = f"# {len(found)} numbers in a message of the schema {_quoted(schema)}"
@@ -343,15 +346,6 @@ def _lines(picked: Mapping[str, str], unit: str, usual: str) -> list[str]:
             spelt = f"{stated}/s" if unit == "speed_unit" else _UNITS.get(stated, stated)
             return [*named, _line(unit, spelt, "in its name")]
     return [*named, _line(unit, usual)] if named else []
-
-
-def _place(numbers: Sequence[Leaf]) -> list[str]:
-    return _lines(_picked(numbers, "longitude", "latitude"), "angle_unit", "deg")
-
-
-def _where(place: Sequence[str]) -> list[str]:
-    """Return the line of the place of a velocity without a depth, which its own place or the vehicle's needs."""
-    return [_line("at_depth" if place else "distance", 0.0, f"{_CHECK}: state it, in m")]
 
 
 def _depth_line(numbers: Sequence[Leaf]) -> list[str]:

@@ -92,6 +92,12 @@ class Spans:
         self.topics[topic] = TopicInfo(schema, 0, min(every), max(every))
 
 
+def span_of(topics: Mapping[str, TopicInfo]) -> tuple[int, int] | None:
+    """Return the first and last time of topics [ns, UTC]; None without times."""
+    known = [at for one in topics.values() for at in (one.first_ns, one.last_ns) if at is not None]
+    return (min(known), max(known)) if known else None
+
+
 def may_be_used(config: MeasurementConfig, topic: str, schema: str) -> bool:
     """Return whether messages of a topic and schema can hold usable content."""
     mapped = any(entry.topic == topic for entry in config.map)
@@ -355,15 +361,10 @@ def _inspect(
         name: replace(spans.topics.get(name, TopicInfo()), messages=number)
         for name, number in report.read.items()
     }
-    times = [at for of in topics.values() for at in (of.first_ns, of.last_ns) if at is not None]
-    if times and (
-        doubt := doubtful_times(
-            (min(times), max(times)),
-            [(message.time_ns, message.payload) for message in samples.values()],
-            time.time_ns(),
-        )
-    ):
-        report = replace(report, notes=(doubt, *report.notes))
+    if span := span_of(topics):
+        stated = [(message.time_ns, message.payload) for message in samples.values()]
+        doubt = doubtful_times(span, stated, time.time_ns())
+        report = replace(report, notes=(*filter(None, [doubt]), *report.notes))
     if sampled is None:
         count_alike(not_used, report, decoded)
     return LogInfo(

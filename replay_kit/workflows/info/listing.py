@@ -32,7 +32,7 @@ from replay_kit.show.text import (
     print_table,
     short_times,
 )
-from replay_kit.workflows.info.inspect import LogContent, LogInfo, use_of
+from replay_kit.workflows.info.inspect import LogContent, LogInfo, span_of, use_of
 
 # a log is listed without the libraries of forecasts
 if TYPE_CHECKING:
@@ -188,16 +188,9 @@ def _heading(logs: Sequence[LogInfo]) -> str:
         for values in ([log.report.mission for log in logs], [log.report.format for log in logs])
     )
     name = logs[0].report.path if len(logs) == 1 else missions or count_text(len(logs), "log")
-    ends = [end for log in logs for end in _span(log) if end is not None]
-    span = ", {} to {}".format(*map(iso, (min(ends), max(ends)))) if ends else ""
+    ends = [end for log in logs for end in span_of(log.topics) or ()]
+    span = f", {iso(min(ends))} to {iso(max(ends))}" if ends else ""
     return f"{name} ({formats}){span}"
-
-
-def _span(log: LogInfo) -> tuple[int | None, int | None]:
-    """Return the first and last time of a log [ns, UTC]; None without times."""
-    topics = log.topics.values()
-    known = [at for topic in topics for at in (topic.first_ns, topic.last_ns) if at is not None]
-    return min(known, default=None), max(known, default=None)
 
 
 def _topics(log: LogInfo, verbose: bool) -> tuple[Sequence[str], list[tuple[str, ...]]]:
@@ -213,7 +206,7 @@ def _topics(log: LogInfo, verbose: bool) -> tuple[Sequence[str], list[tuple[str,
 
 def _logs(logs: Sequence[LogInfo]) -> tuple[Sequence[str], list[tuple[str, ...]]]:
     """Return the table of several logs; figures unknown from an index alone are empty."""
-    times = short_times([end for log in logs for end in _span(log)])
+    times = short_times([end for log in logs for end in span_of(log.topics) or (None, None)])
     rows = []
     for log, first, last in zip(logs, times[::2], times[1::2], strict=True):
         content = log.content
