@@ -4,7 +4,8 @@ The covariance is stored as P - G'G. Measurements add rows to G, which are folde
 lower triangle of P is used.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,7 @@ class State:
         measured: shape (Z,), whether levels lie among measured depths; None before any.
         doubt: Evidence against the prior variance; None if not recorded.
         scale: Factor on the prior variance of members and local directions from the first measurements.
+        seen: Of nodes with measurements near them, the sum of their ``shared``, see ``update/columns.Layout``; it decays with the current.
     """
 
     x: Array
@@ -65,6 +67,7 @@ class State:
     measured: NDArray[np.bool_] | None = None
     doubt: "Doubt | None" = None
     scale: float = 1.0
+    seen: Mapping[int, float] = field(default_factory=dict)
 
     @staticmethod
     def initial(size: int) -> "State":
@@ -128,4 +131,5 @@ def predict(state: State, tau: Array, time_ns: int) -> State:
     p = np.asfortranarray((state.p * kept[:, None]) * kept)
     p[np.diag_indices_from(p)] += 1.0 - kept**2
     after = state.with_moments(kept * state.x, p)
-    return replace(after, gains=state.gains * kept, time_ns=time_ns)
+    seen = {node: each * float(kept.min()) for node, each in state.seen.items()}
+    return replace(after, gains=state.gains * kept, time_ns=time_ns, seen=seen)

@@ -23,7 +23,7 @@ from tests.estimator.seas import (
     relative,
 )
 from tests.reference import estimator as slow
-from tests.reference.dense import Twin
+from tests.reference.dense import Near, Twin
 
 FORGETFUL = TimeConfig(scale=2 * 86_400.0)
 OSCILLATING = FORGETFUL.model_copy(update={"oscillators": ("inertial", "M2")})
@@ -88,11 +88,13 @@ def assert_equal(estimator, state, twin, seen, rtol=1e-9):
 def test_it_is_the_joint_gaussian_of_all_measurements(members, config, time, log):
     estimator = build(members, config, None, time)
     twin = twin_of(estimator, time, 0.12 if config.preset == "paper" else None)
-    state, seen = estimator.initial(), []
+    state, seen, near = estimator.initial(), [], Near(twin)
     for given in log:
         state, (step,) = estimator.assimilate(state, [given])
-        rows, said = twin.rows(given), step.innovation
-        nis, density, signal = twin.predicted(seen, rows, given.time_ns)
+        (rows,), said = near.rows(given), step.innovation
+        # the gate takes each as if nothing else were near
+        nis, _, _ = twin.predicted(seen, twin.rows(given), given.time_ns)
+        _, density, signal = twin.predicted(seen, rows, given.time_ns)
         assert (said.dof, said.accepted, said.error_inflation) == (len(rows[1]), True, 1.0)
         assert said.nis == pytest.approx(nis, rel=1e-8)
         assert said.log_likelihood == pytest.approx(density, rel=1e-8, abs=1e-8)
@@ -146,7 +148,7 @@ def test_a_group_is_all_its_profiles_at_their_mean_place_and_time(time, change):
     estimator, group = build([SEA], CONFIG, None, time), Profiles.of(log)
     state, (step,) = estimator.assimilate(estimator.initial(), [group])
     twin = twin_of(estimator, time)
-    seen = [(twin.rows(each, log), group.time_ns) for each in log]
+    seen = [(rows, group.time_ns) for rows in Near(twin).rows(*log[:1], log[1:])]
     assert_equal(estimator, state, twin, seen)
     assert (step.innovation.profiles, state.profiles) == (6, 6)
     designs, values, _ = zip(*(rows for rows, _ in seen), strict=True)
@@ -176,9 +178,9 @@ def test_the_smoother_is_the_joint_gaussian_of_all_measurements(time, log):
     counted = np.maximum.accumulate(times).tolist()
     wanted = [times[4], 0, times[2] + DAY // 7, times[-1], times[-1] + DAY]
     wanted += [times[5], times[4] - HOUR // 12, times[3] - DAY // 4]
-    rows = []
+    rows, near = [], Near(twin)
     for each, time_ns in zip(log, counted, strict=True):
-        design, *rest = twin.rows(each)
+        ((design, *rest),) = near.rows(each)
         # a late one knows less of the unknowns as they are then
         rows.append((design * np.exp((each.time_ns - time_ns) / 1e9 / twin.tau), *rest))
     for at, state in zip(wanted, smooth(estimator, log, wanted), strict=True):
@@ -193,6 +195,7 @@ def test_a_scale_error_moves_the_estimate_by_the_jacobian_and_smoothing_takes_al
     time = FORGETFUL.model_copy(update={"biases": ("heading", "scale")})
     estimator, log = build(forecasts(), CONFIG, None, time), stated(profiles(8))
     twin, state, seen, slopes = twin_of(estimator, time), estimator.initial(), [], []
+    near = Near(twin)
     functions = twin.process.functions
 
     def moved(at, count):
@@ -200,7 +203,8 @@ def test_a_scale_error_moves_the_estimate_by_the_jacobian_and_smoothing_takes_al
         return x - p[:, -1] * 0.05 * sum(slopes[:count])
 
     for count, profile in enumerate(log, 1):
-        design, value, noise = rows = twin.rows(profile)
+        ((_, _, inflated),) = near.rows(profile)
+        design, value, noise = twin.rows(profile)
         _, p = twin.joint(seen, profile.time_ns)
         off = value - design @ moved(profile.time_ns, count - 1)
         whole = np.linalg.inv(design @ p @ design.T + noise)
@@ -218,7 +222,7 @@ def test_a_scale_error_moves_the_estimate_by_the_jacobian_and_smoothing_takes_al
         one = np.kron(np.eye(2), np.ones((depth.size, 1)))
         shared = profile.common_std**2 * np.trace(one.T @ whole @ one)
         slopes.append((2.0 - shared) * (off @ whole @ off - left) / (2 * kept.shape[1]))
-        seen.append((rows, profile.time_ns))
+        seen.append(((design, value, inflated), profile.time_ns))
         state, _ = estimator.assimilate(state, [profile])
         expected = moved(profile.time_ns, count)
         np.testing.assert_allclose(state.x, expected, atol=1e-9 * np.abs(expected).max())

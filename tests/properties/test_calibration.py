@@ -31,7 +31,7 @@ def made(tmp_path_factory):
     forecast = rk.open_ensemble(file)
 
     @functools.cache
-    def built(**gating):
+    def built(unresolved=0.0, **gating):
         stated = {
             "sample_share": 0.5,
             "shift_distance": 1e4,
@@ -39,7 +39,7 @@ def made(tmp_path_factory):
             "spread": 1.0,
             "mean_variance": 0.0,
         }
-        config = EstimatorConfig(**stated, representation_error_std=0.0)
+        config = EstimatorConfig(**stated, representation_error_std=unresolved)
         return build([forecast], config, GatingConfig(**gating))
 
     return built
@@ -95,6 +95,29 @@ def test_errors_are_as_large_as_stated_where_nothing_was_measured(made):
             np.mean(((got.v - true.v) / got.v_standard_error) ** 2),
         ]
     assert 0.75 < np.mean(squares) < 1.3
+
+
+def test_errors_hold_where_many_profiles_share_a_current_that_the_forecast_cannot_resolve(made):
+    """A vessel's pings at 1 Hz, all in one cell: their gradient is as much that of an eddy smaller than a cell."""
+    it, rng, squares = made(gate_probability=1e-5, unresolved=0.03), np.random.default_rng(9), []
+    for truth in truths(it, 12, 9):
+        lon, lat, _ = places(rng.uniform(-2e4, 2e4, 2) + 2.0 * np.arange(300)[:, None], HERE)
+        v = truth.velocity_at(lon[:, None], lat[:, None], DEPTHS)
+        eddy = 0.03 * np.sqrt(2) * np.sin(np.arange(300) / 450 + rng.uniform(0, 6, (2, 1)))
+        measured = np.stack([v.u, v.v]) + eddy[..., None]
+        measured += 0.1 * rng.standard_normal(measured.shape)
+        pings = [
+            rk.Observation.profile(k, float(x), float(y), DEPTHS, *measured[:, k], 0.1)
+            for k, (x, y) in enumerate(zip(lon, lat, strict=True))
+        ]
+        state, _ = it.assimilate(it.initial(), pings)
+        lon, lat, _ = places(rng.uniform(-3e4, 3e4, (6, 2)), HERE)
+        got, true = (each.velocity_at(lon, lat, 100.0) for each in (it.flow(state), truth))
+        squares += [
+            np.mean(((got.u - true.u) / got.u_standard_error) ** 2),
+            np.mean(((got.v - true.v) / got.v_standard_error) ** 2),
+        ]
+    assert 0.6 < np.mean(squares) < 1.4
 
 
 def test_a_pilot_who_is_right_arrives_as_planned_where_meridians_converge():

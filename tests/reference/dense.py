@@ -20,6 +20,32 @@ def hats(depth, levels):
     return np.array([np.interp(depth, levels, one) for one in np.eye(len(levels))])
 
 
+class Near:
+    """How much was measured near each node so far: the error that all of it shares is counted once, and forgotten with the current."""
+
+    def __init__(self, twin):
+        self.twin, self.time_ns, self.sums = twin, 0, {}
+
+    def rows(self, given, others=()):
+        """The rows of a measurement, and of those at its place and time, with the error that they have beside the earlier ones."""
+        group = [given, *others]
+        found = [self.twin.rows(each, group if others else None) for each in group]
+        if not given.linear.at_one_place:
+            return found
+        now = int(np.mean([each.time_ns for each in group]))
+        if now > self.time_ns:
+            kept = np.exp(-(now - self.time_ns) / 1e9 / self.twin.tau.min())
+            self.sums = {node: kept * each for node, each in self.sums.items()}
+            self.time_ns = now
+        node, ratios = zip(*(self.twin.ratio(each.linear) for each in group), strict=True)
+        before = self.sums.get(node[0], 0.0)
+        after = self.sums[node[0]] = before + sum(ratios)
+        return [
+            (design, value, noise * (1.0 + before) * (1.0 + after) / (1.0 + ratio))
+            for (design, value, noise), ratio in zip(found, ratios, strict=True)
+        ]
+
+
 class Twin:
     """Of a flow before any measurement, and the configuration of time."""
 
@@ -147,17 +173,9 @@ class Twin:
                 distance = np.abs(given.depth - given.depth[0])
                 effect = np.array([self.erring(relative, each) for each in distance])
             design = np.concatenate([design, effect], axis=2)
-        own, depth = given.error_std, given.value_depth
-        alike = np.eye(own.size)
-        if given.correlation is not None:
-            alike = given.correlation
-        elif given.correlation_depth:
-            alike = np.exp(-np.abs(depth[:, None] - depth) / given.correlation_depth)
-        noise = np.outer(own, own) * alike + np.diag((weights @ error) ** 2)
-        relative = not np.isfinite(given.common_std)
-        noise += 0.0 if relative else given.common_std**2
-        if self.stated_std is not None and given.at_one_place:
-            noise = self.stated_std**2 * np.eye(own.size)
+        noise, relative = self.noise(given), not np.isfinite(given.common_std)
+        if self.stated_std is None or not given.at_one_place:
+            noise = noise + np.diag((weights @ error) ** 2)
         design = np.einsum("np,pck,ac->ank", weights, design, along)[:, used]
         off = value - weights @ known @ along.T
         design, value = design.reshape(-1, design.shape[2]), off[used].T.ravel()
@@ -166,6 +184,32 @@ class Twin:
             return design, value, noise
         contrast = np.kron(np.eye(len(along)), np.diff(np.eye(used.size), axis=0))
         return contrast @ design, contrast @ value, contrast @ noise @ contrast.T
+
+    def noise(self, given):
+        """The covariance of the errors of values, without that of what the basis cannot represent."""
+        own, depth = given.error_std, given.value_depth
+        if self.stated_std is not None and given.at_one_place:
+            return self.stated_std**2 * np.eye(own.size)
+        alike = np.eye(own.size)
+        if given.correlation is not None:
+            alike = given.correlation
+        elif given.correlation_depth:
+            alike = np.exp(-np.abs(depth[:, None] - depth) / given.correlation_depth)
+        common = given.common_std if np.isfinite(given.common_std) else 0.0
+        return np.outer(own, own) * alike + common**2
+
+    def ratio(self, given):
+        """The node near a measurement, and how large its error is beside that of what is measured of each level, on average."""
+        flow, place = self.flow, (given.longitude[0], given.latitude[0])
+        off = flow.nodes - np.array(to_local(flow.grid.projection, *place))
+        node = int(np.argmin(np.hypot(*off.T)))
+        used = (given.flags <= 3) & np.isfinite(given.value).all(axis=1)
+        used &= given.value_depth <= flow.levels[-1]
+        weights = np.eye(given.depth.size) if given.weights is None else given.weights
+        shares = (weights @ np.array([hats(depth, flow.levels) for depth in given.depth]))[used]
+        known = np.linalg.inv(self.noise(given)[np.ix_(used, used)])
+        each = np.diag(shares.T @ known @ shares) * flow.unknowns.error[:, node] ** 2
+        return node, 0.0 if self.stated_std is not None else float(each[each > 0.0].mean())
 
     def joint(self, seen, at_ns):
         """Mean and covariance of all unknowns at a time, of rows that each count at a time of theirs."""

@@ -11,9 +11,13 @@ Measurements of a column are each gated against the estimate before them; accept
 one's error factor:
 
     R'R = sum w_i R_i'R_i,    R'y = sum w_i R_i'y_i.
+
+All measurements near a node share its representation error, however many they are: with r the ratio of its variance to that of one of
+them, n together tell as much as n / (1 + n r) without it. With S the sum of the ratios so far, and S + s that with those of a column, w_i
+is multiplied by (1 + r_i) / ((1 + S) (1 + S + s)), which is 1 for the first. The gate takes each as if it were alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
@@ -117,6 +121,7 @@ class Update:
         gain: shape (m, k), rows of G.
         whitened: shape (m,), A^-1 (y - R D x).
         square: Sum of squares of the values y.
+        seen: As in ``State``, after them; empty if none is accepted.
         after: State after them.
     """
 
@@ -133,6 +138,7 @@ class Update:
     gain: Array = field(default_factory=lambda: np.empty((0, 0)))
     whitened: Array = field(default_factory=lambda: np.empty(0))
     square: float = 0.0
+    seen: Mapping[int, float] = field(default_factory=dict)
     after: State | None = None
 
 
@@ -150,7 +156,7 @@ def assimilate(
         return state, []
     designs = np.concatenate([column.design for column in columns])
     crosses = state.products(designs)
-    block = _Block(designs @ state.x, crosses @ designs.T)
+    block = _Block(designs @ state.x, crosses @ designs.T, state.seen)
     starts = np.cumsum([0, *(len(column.design) for column in columns)])
     updates = [
         block.updated(column, slice(start, start + len(column.design)), probability)
@@ -169,6 +175,7 @@ def assimilate(
             profiles=now.profiles + int(update.judgements.accepted.sum()),
             rows=now.rows + len(update.rows),
             square=now.square + update.square,
+            seen=update.seen or now.seen,
         )
         done.append(replace(update, gain=gains[start:end], after=now))
         start = end
@@ -181,11 +188,12 @@ class _Block:
     Attributes:
         mean: shape (Q,), mean after the columns so far.
         covariance: shape (Q, Q), covariance.
+        seen: As in ``State``.
         whitened: Whitened innovations of the columns so far.
     """
 
-    def __init__(self, mean: Array, covariance: Array) -> None:
-        self.mean, self.covariance = mean, 0.5 * (covariance + covariance.T)
+    def __init__(self, mean: Array, covariance: Array, seen: Mapping[int, float]) -> None:
+        self.mean, self.covariance, self.seen = mean, 0.5 * (covariance + covariance.T), seen
         self.whitened = list[Array]()
         self._parts = list[tuple[slice, Array, Array, Array]]()
 
@@ -206,6 +214,11 @@ class _Block:
         if not weights.any():
             self.whitened.append(np.empty(0))
             return Update(column, before, covariance, judgements, before, covariance)
+        if column.node is not None:
+            before_it = self.seen.get(column.node, 0.0)
+            after_it = before_it + float(weights @ column.shared)
+            weights = weights * (1.0 + column.shared) / ((1.0 + before_it) * (1.0 + after_it))
+            self.seen = {**self.seen, column.node: after_it}
         rows, y, residual = combined(seen, weights)
         m, left = len(rows), slice(at.start, None)
         lower = np.asarray(np.linalg.cholesky(rows @ covariance @ rows.T + np.eye(m)), np.float64)
@@ -229,11 +242,12 @@ class _Block:
             self.mean[at].copy(),
             self.covariance[at, at].copy(),
             signal=float(m - np.sum(inverse**2)),
-            log_likelihood=fit - _log_noise(column, judgements),
+            log_likelihood=fit - _log_noise(column, judgements, weights),
             rows=rows,
             lower=lower,
             whitened=whitened,
             square=float(y @ y),
+            seen=self.seen,
         )
 
     def gains(self, crosses: Array) -> Array:
@@ -324,15 +338,14 @@ def combined(seen: Sequence[_Seen], weights: Array) -> tuple[Array, Array, float
     return roots[:, None] * vectors.T, y_all, float(total - y_all @ y_all) + left
 
 
-def _log_noise(column: Column, judgements: Judgements) -> float:
-    """Return half the log determinant of the error covariance of accepted measurements."""
+def _log_noise(column: Column, judgements: Judgements, weights: Array) -> float:
+    """Return half the log determinant of the error covariance of accepted measurements, each with its weight."""
     accepted, dof = judgements.accepted, judgements.rows + judgements.left
     stated = sum(
         int(accepted[part.at].sum()) * len(column.axes) * part.layout.half_log_det
         for part in column.parts
     )
-    grown = 0.5 * dof[accepted] @ np.log(judgements.error_factor[accepted])
-    return float(stated + grown)
+    return float(stated - 0.5 * dof[accepted] @ np.log(weights[accepted]))
 
 
 def scale_jacobian(update: Update) -> float:

@@ -48,6 +48,7 @@ class Layout:
         std: shape (m,) [m/s], error of each value with representation error.
         half_log_det: Half the log determinant of N.
         unwhiten: shape (m, w), for values known up to a constant; None for others.
+        shared: Variance of the representation error over that of a level's mean without it, mean over the levels; see ``assimilate``.
     """
 
     levels: Array
@@ -58,13 +59,16 @@ class Layout:
     std: Array
     half_log_det: float
     unwhiten: Array | None = None
+    shared: float = 0.0
 
     def known(self, values: Array) -> Array:
         """Return the known part of values, shape (..., m, n): for relative ones without a constant."""
         return values if self.unwhiten is None else self.unwhiten @ (self.whiten @ values)
 
     @staticmethod
-    def of(levels: Array, functions: Array, covariance: Array, is_relative: bool) -> "Layout":
+    def of(
+        levels: Array, functions: Array, covariance: Array, is_relative: bool, shared: float = 0.0
+    ) -> "Layout":
         """Return the layout of levels, functions, and N, shape (m, m) [m^2/s^2], without an infinite common error.
 
         Raises:
@@ -83,7 +87,7 @@ class Layout:
         q, size, along = np.linalg.svd(whiten @ functions, full_matrices=False)
         kept = size > _ROUNDING * size.max(initial=0.0)
         r = size[kept, None] * along[kept]
-        return Layout(levels, functions, whiten, q[:, kept], r, std, half_log_det, unwhiten)
+        return Layout(levels, functions, whiten, q[:, kept], r, std, half_log_det, unwhiten, shared)
 
 
 class Part(NamedTuple):
@@ -113,6 +117,7 @@ class Column:
         design: shape (q, k), D at that time.
         axes: shape (c, a), measured components along the column's components.
         parts: Measurements by layout.
+        node: Node near its position; None along a path.
     """
 
     screened: Screened
@@ -121,6 +126,15 @@ class Column:
     design: Array
     axes: Array
     parts: tuple[Part, ...]
+    node: int | None = None
+
+    @property
+    def shared(self) -> Array:
+        """``shared`` of each measurement, shape (n,)."""
+        out = np.empty(len(self.at))
+        for part in self.parts:
+            out[part.at] = part.layout.shared
+        return out
 
     def rows(self, part: Part) -> Array:
         """Return the rows of a measurement on the column's unknowns, shape (c p, q), by component."""
@@ -271,7 +285,7 @@ class Observer:
                 more = self.extras.column(time_ns, group.relative_velocity())
                 design = _block_diagonal(design, more)
             design = design.reshape(-1, self.size)
-            yield Column(group, at, time_ns, design, axes, tuple(parts))
+            yield Column(group, at, time_ns, design, axes, tuple(parts), int(nodes[g]))
 
     def _flows(self, both: Array) -> tuple[Array, Array]:
         """Return the flow for zero weights, shape (2, n, Z), and the modes, shape (2, n, r), from velocities of ``_latents``."""
@@ -319,9 +333,14 @@ class Observer:
         if self.extras is not None:
             functions = np.hstack([functions, at_values(self.extras.functions(depth))])
         between = depth_weights(_LINEAR, depth, self.basis.grid.levels)
-        covariance = self._covariance(group, i, at_values(between @ self.error(scale, node)))
+        own = self._covariance(group, i)
+        error = at_values(between) * (self.error(scale, node) if self.stated_std is None else 0.0)
         is_relative = not np.isfinite(group.columns["common_std"][i])
-        return Layout.of(levels, functions, covariance, bool(is_relative))
+        covariance = own + np.diag(error.sum(axis=1) ** 2)
+        shared = np.sum(error * (np.linalg.pinv(own, hermitian=True) @ error), axis=0)
+        near = shared > 0.0
+        mean = float(shared[near].mean()) if near.any() else 0.0
+        return Layout.of(levels, functions, covariance, bool(is_relative), mean)
 
     def _along_path(self, group: Screened, scale: float) -> Column:
         basis, grid, linear = self.basis, self.basis.grid, group.linear
@@ -351,7 +370,7 @@ class Observer:
         )
         between = depth_weights(_LINEAR, linear.depth, grid.levels)
         extra = np.sum(between * self.error(scale, nearest(grid, places, wet=True)).T, axis=1)
-        covariance = self._covariance(group, 0, weights @ extra)
+        covariance = self._covariance(group, 0) + np.diag((weights @ extra) ** 2)
         relative = linear.reference == "relative"
         layout = Layout.of(np.empty((n, 0)), np.eye(n), covariance, relative)
         design = np.concatenate(rows)
@@ -362,16 +381,16 @@ class Observer:
         part = Part(layout, np.zeros(1, np.intp), np.flatnonzero(used), about)
         return Column(group, group.at, linear.time_ns, design, np.eye(len(axes)), (part,))
 
-    def _covariance(self, group: Screened, i: int, extra: Array) -> Array:
-        """Return the error covariance of the used values of one, shape (m, m) [m^2/s^2], with representation errors, shape (m,)."""
-        if self.stated_std is not None and group.at_one_place:
-            return self.stated_std**2 * np.eye(extra.size)
+    def _covariance(self, group: Screened, i: int) -> Array:
+        """Return the error covariance of the used values of one, shape (m, m) [m^2/s^2], without representation errors."""
         used, linear, columns = np.flatnonzero(group.used[i]), group.linear, group.columns
+        if self.stated_std is not None and group.at_one_place:
+            return self.stated_std**2 * np.eye(used.size)
         if linear is not None:
-            return linear.covariance(used) + np.diag(extra**2)
+            return linear.covariance(used)
         own = (columns[name][i, used] for name in ("error_std", "depth"))
         shared = (float(columns[name][i]) for name in ("correlation_depth", "common_std"))
-        return error_covariance(*own, *shared) + np.diag(extra**2)
+        return error_covariance(*own, *shared)
 
 
 def _block_diagonal(design: Array, more: Array) -> Array:

@@ -15,7 +15,7 @@ from replay_kit.estimator.update.evidence import (
     with_variance,
 )
 from tests.estimator.seas import CONFIG, SEA, profiles
-from tests.reference.dense import Twin
+from tests.reference.dense import Near, Twin
 from tests.reference.estimator import kalman_update, log_density
 
 RNG = np.random.default_rng(0)
@@ -120,7 +120,8 @@ def test_an_estimate_publishes_the_average_and_the_likeliest_scale():
     estimator, log = build([SEA], config), profiles(5)
     twin = Twin(estimator.flow(estimator.initial()))
     state, _ = estimator.assimilate(estimator.initial(), log)
-    seen = [twin.rows(each) for each in log]
+    near = Near(twin)
+    seen = [rows for each in log for rows in near.rows(each)]
     rows, values = (np.concatenate(each) for each in list(zip(*seen, strict=True))[:2])
     noise = np.zeros((len(values), len(values)))
     ends = np.cumsum([0, *(len(y) for _, y, _ in seen)])
