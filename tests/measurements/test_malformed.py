@@ -112,18 +112,6 @@ def test_every_way_to_write_a_missing_number(bad, whole):
     assert_array_equal(found.error_std, STATED.velocity_std)
 
 
-def test_cells_as_messages_of_their_own():
-    nested = [
-        {"value": [0.1, 0.2]},
-        {"east": 0.3, "north": 0.4, "up": 0.0},
-        {"east": None, "north": 0.4},
-    ]
-    observation = the(Observation, [fix(0), ping(0, velocity=nested)])
-    assert_array_equal(observation.velocity, [[0.1, 0.2], [0.3, 0.4], [np.nan, 0.4]])
-    skipped = the(Skipped, [fix(0), ping(0, velocity=[{"x": 1.0, "y": 1.0}] * 3)])
-    assert "expected cells" in skipped.reason
-
-
 @pytest.mark.parametrize(
     ("metadata", "depth", "dead_reckoned"),
     [

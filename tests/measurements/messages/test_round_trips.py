@@ -16,7 +16,6 @@ from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.schemas import tables_of
 from tests.logs.log_samples import one_channel_mcap
 from tests.logs.mavlink.telemetry_samples import MAX_CELLS, write_tlog
-from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.samples import CONFIG, fix, only, run
 from tests.measurements.turned import row_of, stated
@@ -28,6 +27,29 @@ FIELD = re.compile(r"^  (optional |repeated )?([\w.]+) (\w+) = (\d+);$", re.MULT
 KIND = descriptor_pb2.FieldDescriptorProto
 NUMBERS = ["heading", "pitch", "roll", "pressure", "transducer_depth", "magnetic_declination"]
 SCHEMA = "replay_kit.AdcpPing"
+
+# our own ping as a ROS 2 message: what may be unknown is NaN, velocity flat
+ADCP_PING = """builtin_interfaces/Time stamp
+string frame_id
+uint64 ping
+string coordinate_system
+string reference
+string orientation
+bool bin_mapped
+uint32 n_cells
+float64 cell_size
+float64 bin0_distance
+float64 transducer_depth
+float64[] velocity
+float64[] velocity_std
+float64 sound_speed
+float64 temperature
+float64 pressure
+float64 heading
+float64 pitch
+float64 roll
+float64 magnetic_declination
+bool declination_applied"""
 
 # NaN is "unknown", as null is; infinities are no velocities
 maybe = st.one_of(st.none(), st.just(0.0), st.floats(-1e6, 1e6))
@@ -98,7 +120,7 @@ def through_json(folder, ping):
 def through_cdr(folder, ping):
     unknown = {name: np.nan for name in NUMBERS if ping[name] is None}
     values = [flat(ping) | unknown]
-    return read_mcap(folder, ros2_mcap("replay_kit/msg/AdcpPing", msg.ADCP_PING, values, "/adcp"))
+    return read_mcap(folder, ros2_mcap("replay_kit/msg/AdcpPing", ADCP_PING, values, "/adcp"))
 
 
 def through_a_telemetry_log(folder, ping):
