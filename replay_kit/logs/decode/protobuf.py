@@ -117,7 +117,8 @@ def _converter(descriptor: Descriptor) -> _Read:
             value = f"{function(kind)}({value})"
         elif field.containing_oneof is None:
             return value
-        return f"{value} if m.HasField({field.name!r}) else None"
+        # a field of that name would hide the method
+        return f"{value} if type(m).HasField(m, {field.name!r}) else None"
 
     name, scope = function(descriptor), dict[str, Any]()
     exec("\n".join(lines), scope)
