@@ -3,6 +3,7 @@
 import pytest
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.records import Schema
@@ -35,19 +36,67 @@ def _kind(name, *fields, of="", repeated=False):
     return Kind(name=name, field=held)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
-@given(
-    names=st.lists(st.sampled_from(NAMES), unique=True, min_size=1),
-    value=st.integers(-(2**31), 2**31 - 1),
-    repeated=st.booleans(),
-)
-def test_any_field_name(names, value, repeated):
-    file, pool = _file(_kind("M", *names, repeated=repeated)), DescriptorPool()
+#: Of a kind: what is not set, and what may be.
+VALUES = {
+    Field.TYPE_DOUBLE: (0.0, st.floats(allow_nan=False)),
+    Field.TYPE_INT32: (0, st.integers(-(2**31), 2**31 - 1)),
+    Field.TYPE_STRING: ("", st.text(max_size=5)),
+    Field.TYPE_BYTES: (b"", st.binary(max_size=5)),
+    Field.TYPE_BOOL: (False, st.booleans()),
+}
+
+
+@st.composite
+def messages(draw):
+    """Draw a type with fields of any kind, of itself and of maps to itself, a message of it, and what it holds."""
+    file, pool = _file(_kind("M")), DescriptorPool()
+    (kind,) = file.message_type
+    entry = kind.nested_type.add(name="NamedEntry", options={"map_entry": True})
+    # once, many, maybe
+    labels = [Field.LABEL_OPTIONAL, Field.LABEL_REPEATED, Field.LABEL_OPTIONAL]
+    for name in draw(st.lists(st.sampled_from(NAMES), unique=True, min_size=1)):
+        of, how = draw(st.sampled_from([*VALUES, Field.TYPE_MESSAGE])), draw(st.integers(0, 2))
+        field = kind.field.add(name=name, number=len(kind.field) + 1, type=of, label=labels[how])
+        if of == Field.TYPE_MESSAGE:
+            field.type_name = ".t.M"
+        elif how == 2:
+            field.proto3_optional, field.oneof_index = True, len(kind.oneof_decl)
+            kind.oneof_decl.add(name=f"_{name}")
+    text, part = Field.TYPE_STRING, Field.TYPE_MESSAGE
+    kind.field.add(name="named", number=99, label=labels[1], type=part, type_name=".t.M.NamedEntry")
+    entry.field.add(name="key", number=1, label=labels[0], type=text)
+    entry.field.add(name="value", number=2, label=labels[0], type=part, type_name=".t.M")
     pool.Add(file)
-    held = {names[0]: [value] if repeated else value}
-    message = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.M"))(**held)
-    expected = dict.fromkeys(names, [] if repeated else 0) | held
-    assert _decoder(file)(message.SerializeToString()) == expected
+    make = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.M"))
+
+    def made(depth):
+        held, plain = {}, {"named": {}}
+        for field in kind.field[:-1]:
+            own, many = field.type == part, field.label == Field.LABEL_REPEATED
+            some = range(2 if draw(st.booleans()) and not (own and depth > 1) else 0)
+            values = [made(depth + 1) if own else [draw(VALUES[field.type][1])] * 2 for _ in some]
+            none = None if own or field.proto3_optional else VALUES[field.type][0]
+            plain[field.name] = [one[1] for one in values] if many else none
+            if values:
+                held[field.name] = [one[0] for one in values] if many else values[0][0]
+                plain[field.name] = plain[field.name] if many else values[0][1]
+        message = make(**held)
+        for key in "ab" if depth == 0 and draw(st.booleans()) else "":
+            other, plain["named"][key] = made(1)
+            message.named[key].CopyFrom(other)
+        return message, plain
+
+    return file, *made(0)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(messages())
+def test_any_message_is_what_it_holds(drawn):
+    file, message, plain = drawn
+    decode = _decoder(file)
+    assert decode(message.SerializeToString()) == plain
+    with pytest.raises(DecodeError):
+        decode(b"\xff")
 
 
 def test_the_files_of_a_set_come_in_any_order():

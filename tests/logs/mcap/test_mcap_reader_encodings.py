@@ -4,8 +4,6 @@ import math
 
 import pytest
 from foxglove import messages as foxglove_messages
-from google.protobuf import descriptor_pb2, message_factory
-from google.protobuf.descriptor_pool import DescriptorPool
 
 from replay_kit.config.run import LogConfig
 from replay_kit.logs.decode.decoders import decode_json
@@ -55,42 +53,6 @@ def test_foxglove_protobuf(tmp_path):
     assert full == full | values | stamp
     assert unset == unset | {"latitude": 0.0, "frame_id": "", "timestamp": None}
     assert list(unset) == list(full)
-
-
-def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
-    kind = descriptor_pb2.FieldDescriptorProto
-    file = descriptor_pb2.FileDescriptorProto(name="t.proto", package="t", syntax="proto3")
-    node = file.message_type.add(name="Node")
-    entry = node.nested_type.add(name="NamedEntry")
-    entry.options.map_entry = True
-    node.oneof_decl.add(name="_depth")
-    once, many = kind.LABEL_OPTIONAL, kind.LABEL_REPEATED
-    number, text, part = kind.TYPE_DOUBLE, kind.TYPE_STRING, kind.TYPE_MESSAGE
-    for into, name, place, label, of, inner in (
-        (entry, "key", 1, once, text, None),
-        (entry, "value", 2, once, part, ".t.Node"),
-        (node, "named", 1, many, part, ".t.Node.NamedEntry"),
-        (node, "children", 2, many, part, ".t.Node"),
-        (node, "value", 3, once, number, None),
-        (node, "depth", 4, once, number, None),
-    ):
-        into.field.add(name=name, number=place, label=label, type=of, type_name=inner)
-    node.field[-1].proto3_optional, node.field[-1].oneof_index = True, 0
-    pool = DescriptorPool()
-    pool.Add(file)
-    tree = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.Node"))()
-    tree.children.add(value=2.0).children.add(depth=0.0)
-    tree.named["a"].value = math.inf
-    data = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
-    both = [tree.SerializeToString(), b"\xff"]
-    messages, report = read(
-        tmp_path, one_channel_mcap("protobuf", ("t.Node", "protobuf", data), both)
-    )
-    leaf = {"named": {}, "children": [], "value": 0.0, "depth": None}
-    child = {**leaf, "value": 2.0, "children": [{**leaf, "depth": 0.0}]}
-    whole = {**leaf, "children": [child], "named": {"a": {**leaf, "value": math.inf}}}
-    assert [m.payload for m in messages] == [whole]
-    assert report.undecodable["/x"][0] == 1
 
 
 @pytest.mark.parametrize(
