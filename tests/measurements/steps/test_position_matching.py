@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replay_kit.config.run import MeasurementConfig
@@ -19,6 +19,7 @@ from tests.measurements.samples import (
 )
 
 
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(
     st.lists(st.integers(0, 600), min_size=2, max_size=9, unique=True), st.permutations(range(8))
 )
