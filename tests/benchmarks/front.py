@@ -14,9 +14,9 @@ from planners.route.passage import relax
 from planners.simulation.currents import currents_of
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from tests.benchmarks.islands import asked, bounds, islands, members_flow, random_area
+from tests.benchmarks.islands import bounds, islands, members_flow, random_area
 from tests.benchmarks.measure import Row, cpu, row
-from tests.planners.flow_samples import eddying_flow
+from tests.planners.flow_samples import eddying_flow, request_between
 from tests.reference.rays import fan, in_front
 
 DAY = 86400.0
@@ -146,7 +146,7 @@ def _case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
     rng, flow = np.random.default_rng(900 + seed), eddying_flow(seed, speed=0.1)
     begin, end = rng.uniform(-_limits(flow), _limits(flow), (2, 2))
     settings = MissionSettings(depth=390.0, surface_time=600.0)
-    return flow, asked(flow, begin, end, settings)
+    return flow, request_between(flow, begin, end, settings=settings)
 
 
 def masked_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners import MissionRequest, MissionSettings, NoGo
+from planners import NoGo
 from replay_kit import open_ensemble
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -25,14 +25,6 @@ def bounds(flow: FlowEstimate) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the largest local east and north of a flow's grid [m]."""
     low, high = (np.array([f(flow.grid.east), f(flow.grid.north)]) for f in (np.min, np.max))
     return low, high
-
-
-def asked(
-    flow: FlowEstimate, begin, end, settings: MissionSettings, *areas: NoGo
-) -> MissionRequest:
-    """Return a request of a mission between two local points, past some areas."""
-    start, goal = (place(flow, *at, 0.0) for at in (begin, end))
-    return MissionRequest(start, (goal,), settings=settings, no_go=areas)
 
 
 def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
