@@ -1,7 +1,7 @@
 """The dicts of protobuf payloads, whatever the fields are called, and how large their types may be."""
 
 import pytest
-from google.protobuf import descriptor_pb2, message_factory
+from google.protobuf import descriptor_pb2, message_factory, timestamp_pb2
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
 from hypothesis import given, settings
@@ -49,36 +49,49 @@ VALUES = {
 @st.composite
 def messages(draw):
     """Draw a type with fields of any kind, of itself and of maps to itself, a message of it, and what it holds."""
-    file, pool = _file(_kind("M")), DescriptorPool()
+    times = descriptor_pb2.FileDescriptorProto()
+    timestamp_pb2.DESCRIPTOR.CopyToProto(times)
+    file, pool = _file(_kind("M"), dependency=[times.name]), DescriptorPool()
     (kind,) = file.message_type
     entry = kind.nested_type.add(name="NamedEntry", options={"map_entry": True})
     # once, many, maybe
-    labels = [Field.LABEL_OPTIONAL, Field.LABEL_REPEATED, Field.LABEL_OPTIONAL]
+    part, labels = (
+        Field.TYPE_MESSAGE,
+        [Field.LABEL_OPTIONAL, Field.LABEL_REPEATED, Field.LABEL_OPTIONAL],
+    )
     for name in draw(st.lists(st.sampled_from(NAMES), unique=True, min_size=1)):
-        of, how = draw(st.sampled_from([*VALUES, Field.TYPE_MESSAGE])), draw(st.integers(0, 2))
+        of, how = draw(st.sampled_from([*VALUES, part, part])), draw(st.integers(0, 2))
         field = kind.field.add(name=name, number=len(kind.field) + 1, type=of, label=labels[how])
-        if of == Field.TYPE_MESSAGE:
-            field.type_name = ".t.M"
+        if of == part:
+            field.type_name = draw(st.sampled_from([".t.M", ".google.protobuf.Timestamp"]))
         elif how == 2:
             field.proto3_optional, field.oneof_index = True, len(kind.oneof_decl)
             kind.oneof_decl.add(name=f"_{name}")
-    text, part = Field.TYPE_STRING, Field.TYPE_MESSAGE
     kind.field.add(name="named", number=99, label=labels[1], type=part, type_name=".t.M.NamedEntry")
-    entry.field.add(name="key", number=1, label=labels[0], type=text)
+    entry.field.add(name="key", number=1, label=labels[0], type=Field.TYPE_STRING)
     entry.field.add(name="value", number=2, label=labels[0], type=part, type_name=".t.M")
+    pool.Add(times)
     pool.Add(file)
     make = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.M"))
+
+    def one(field, depth):
+        if field.type != part:
+            return [draw(VALUES[field.type][1])] * 2
+        if field.type_name == ".t.M":
+            return made(depth + 1)
+        seconds, nanos = draw(st.integers(0, 2**40)), draw(st.integers(0, 10**9))
+        return {"seconds": seconds, "nanos": nanos}, {"sec": seconds, "nsec": nanos}
 
     def made(depth):
         held, plain = {}, {"named": {}}
         for field in kind.field[:-1]:
             own, many = field.type == part, field.label == Field.LABEL_REPEATED
             some = range(2 if draw(st.booleans()) and not (own and depth > 1) else 0)
-            values = [made(depth + 1) if own else [draw(VALUES[field.type][1])] * 2 for _ in some]
+            values = [one(field, depth) for _ in some]
             none = None if own or field.proto3_optional else VALUES[field.type][0]
-            plain[field.name] = [one[1] for one in values] if many else none
+            plain[field.name] = [each[1] for each in values] if many else none
             if values:
-                held[field.name] = [one[0] for one in values] if many else values[0][0]
+                held[field.name] = [each[0] for each in values] if many else values[0][0]
                 plain[field.name] = plain[field.name] if many else values[0][1]
         message = make(**held)
         for key in "ab" if depth == 0 and draw(st.booleans()) else "":
@@ -86,14 +99,14 @@ def messages(draw):
             message.named[key].CopyFrom(other)
         return message, plain
 
-    return file, *made(0)
+    return (times, file), *made(0)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(messages())
 def test_any_message_is_what_it_holds(drawn):
-    file, message, plain = drawn
-    decode = _decoder(file)
+    files, message, plain = drawn
+    decode = _decoder(*files)
     assert decode(message.SerializeToString()) == plain
     with pytest.raises(DecodeError):
         decode(b"\xff")

@@ -3,7 +3,6 @@
 import math
 
 import pytest
-from foxglove import messages as foxglove_messages
 
 from replay_kit.config.run import LogConfig
 from replay_kit.logs.decode.decoders import decode_json
@@ -33,26 +32,6 @@ def test_no_json_object(tmp_path, data):
     assert [m.payload["ok"] for m in messages] == [1, 2]
     assert report.read == {"/x": 3}
     assert report.undecodable["/x"][0] == 1
-
-
-def test_foxglove_protobuf(tmp_path):
-    values = {"latitude": 47.5, "longitude": -23.25, "altitude": -1.0}
-    values["position_covariance"] = [1.0] * 9
-    fix = foxglove_messages.LocationFix(
-        timestamp=foxglove_messages.Timestamp(1_700_000_000, 5),
-        position_covariance_type=foxglove_messages.LocationFixPositionCovarianceType.Known,
-        **values,
-    )
-    schema = foxglove_messages.LocationFix.get_schema()
-    given = schema.name, schema.encoding, schema.data
-    both = [fix.encode(), foxglove_messages.LocationFix().encode()]
-    messages, report = read(tmp_path, one_channel_mcap("protobuf", given, both))
-    assert (report.undecodable, messages[0].schema) == ({}, "foxglove.LocationFix")
-    full, unset = (m.payload for m in messages)
-    stamp = {"timestamp": {"sec": 1_700_000_000, "nsec": 5}, "position_covariance_type": 3}
-    assert full == full | values | stamp
-    assert unset == unset | {"latitude": 0.0, "frame_id": "", "timestamp": None}
-    assert list(unset) == list(full)
 
 
 @pytest.mark.parametrize(
