@@ -10,7 +10,6 @@ from numpy.testing import assert_array_equal
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements import observations
-from replay_kit.workflows.replay.inputs.scan import MAVLINK_NAMES
 from tests.measurements.foreign import BEAMS, ds_adcp, imc, pose
 from tests.measurements.samples import (
     ODD,
@@ -162,7 +161,6 @@ def test_a_current_that_cannot_be_fails():
 
 
 def test_mavlink_frames_with_odd_fields_are_each_counted_once():
-    assert "DEBUG_FLOAT_ARRAY" in MAVLINK_NAMES
     for part, key in itertools.product(range(5), ("array_id", "time_usec", "data")):
         messages = [position_int(5)]
         for k, odd in enumerate(ODD):

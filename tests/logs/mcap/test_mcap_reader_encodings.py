@@ -5,7 +5,6 @@ import math
 import pytest
 
 from replay_kit.config.run import LogConfig
-from replay_kit.logs.decode.decoders import decode_json
 from tests.logs.log_samples import one_channel_mcap
 from tests.logs.log_samples import read_log as read
 
@@ -18,8 +17,9 @@ from tests.logs.log_samples import read_log as read
         ('{"a": NaN, "b": "\\" inf NaN", "c": [inf]}', [math.nan, '" inf NaN', [math.inf]]),
     ],
 )
-def test_bare_numbers_of_json(text, expected):
-    assert repr(decode_json(text.encode())) == repr(dict(zip("abc", expected, strict=True)))
+def test_bare_numbers_of_json(tmp_path, text, expected):
+    ((message,), _) = read(tmp_path, one_channel_mcap("json", None, [text.encode()]))
+    assert repr(message.payload) == repr(dict(zip("abc", expected, strict=True)))
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.config.quality import QualityConfig
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, Reason
 from replay_kit.measurements.observed import blocks, observation
@@ -118,7 +117,7 @@ def test_third_best_beams_and_the_tilt_of_the_axis_are_held_against_limits(
     beams = [cell[:number] for cell in cells]
     limits = dict(zip(("correlation_fail", "correlation_suspect"), least, strict=True))
     limits |= dict(zip(("tilt_suspect", "tilt_fail"), most, strict=True))
-    config = MeasurementConfig(quality=QualityConfig(**limits))
+    config = MeasurementConfig(quality=limits)
     _, tests = observed(config, correlation=beams, pitch=pitch, roll=roll)
     worst = [obvious.graded(obvious.third_best(cell), *least[::-1], True) for cell in beams]
     assert tests["correlation"].flags.tolist() == worst
@@ -157,7 +156,7 @@ def test_the_surface_spoils_what_looks_up():
     assert observation.reasons.tolist() == [0, 0, 0, 0, 0, Reason.SIDELOBE]
     wider, _ = observed(depth=40.0, **up, beam_unit_vectors=slow.janus_vectors(33.0).tolist())
     assert wider.reasons.tolist() == [0, 0, 0, 0, Reason.SIDELOBE, Reason.SIDELOBE]
-    off, _ = observed(MeasurementConfig(quality=QualityConfig(sidelobe=False)), depth=40.0, **up)
+    off, _ = observed(MeasurementConfig(quality={"sidelobe": False}), depth=40.0, **up)
     assert off.flags.tolist() == [GOOD] * 6
 
 
@@ -167,7 +166,7 @@ def test_pings_at_the_surface_are_suspect_of_vehicles_that_dive_only(config, fla
     later = [ping(60, **SOUND), ping(70, **SOUND, derived=True)]
     fixes = fix(0, depth=0.0), fix(20, depth=50.0), fix(40, depth=0.0), fix(80, depth=0.0)
     messages = in_order(*fixes, ping(10, **SOUND), deep, *later)
-    found = only(Observation, run(messages, MeasurementConfig(quality=QualityConfig(**config))))
+    found = only(Observation, run(messages, MeasurementConfig(quality=config)))
     assert [one.flags.tolist() for one in found] == [
         [each] * 6 for each in (GOOD, GOOD, flag, GOOD)
     ]
@@ -180,7 +179,7 @@ def test_the_speed_of_a_relative_profile_says_nothing():
 
 
 def test_suspect_bins_fail_where_they_are_not_wanted():
-    strict = MeasurementConfig(quality=QualityConfig(use_suspect=False))
+    strict = MeasurementConfig(quality={"use_suspect": False})
     observation, _ = observed(strict, percent_good=third(40, 90))
     assert observation.flags.tolist() == third(FAIL, GOOD)
 
@@ -201,9 +200,13 @@ def test_a_solution_from_beams_brings_its_error_velocity():
 
 
 def test_every_test_can_be_switched_off():
-    limits = {name for name in QualityConfig.model_fields if name.endswith(("_suspect", "_fail"))}
+    limits = {
+        name
+        for name in type(MeasurementConfig().quality).model_fields
+        if name.endswith(("_suspect", "_fail"))
+    }
     limits = dict.fromkeys(limits - {"use_suspect"})
-    off = MeasurementConfig(quality=QualityConfig(**limits, sidelobe=False, at_surface="off"))
+    off = MeasurementConfig(quality=limits | {"sidelobe": False, "at_surface": "off"})
     bad = dict.fromkeys(("correlation", "amplitude", "percent_good"), [0.0] * 6)
     bad["velocity"] = [[0.1, 0.1, 0.0, 4.0], *[[0.1, 4.0, 0.0, 4.0]] * 5]
     observation, tests = observed(off, **bad, pitch=60.0, roll=0.0)
