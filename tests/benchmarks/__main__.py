@@ -28,22 +28,23 @@ from tests.benchmarks import (
 )
 from tests.benchmarks.measure import environment, limits
 
+_MODULES = (
+    atsea,
+    dives,
+    estimator,
+    faults,
+    forecasts,
+    front,
+    logs,
+    longlogs,
+    pages,
+    pings,
+    planners,
+)
+_MODULES += (safety, size, start, windows)
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
-    "atsea": atsea.rows,
-    "dives": dives.rows,
-    "estimator": estimator.rows,
-    "faults": faults.rows,
-    "forecasts": forecasts.rows,
-    "front": front.rows,
-    "logs": logs.rows,
-    "long": longlogs.rows,
-    "pages": pages.rows,
-    "pings": pings.rows,
-    "planners": planners.rows,
-    "safety": safety.rows,
-    "size": size.rows,
-    "start": start.rows,
-    "windows": windows.rows,
+    module.__name__.rpartition(".")[2].replace("longlogs", "long"): module.rows
+    for module in _MODULES
 }
 
 
@@ -84,22 +85,13 @@ def _print(result: dict[str, Any]) -> None:
     print(f"{result['machine']['processor']}, {result['threads']} BLAS thread(s), ", end="")
     print(", ".join(f"{name} {value:.1f}" for name, value in result["limits"].items()))
     for row in result["rows"]:
-        ratio = (
-            ""
-            if row["ratio"] is None
-            else f", peer {row['peer_s']:.3f} s: {row['ratio']:8.1f}x, asked {row['asked']:g}x"
-        )
-        print(f"\n{row['name']}\n  {row['ours_s']:.3f} s{ratio}; peer: {row['peer']}")
-        print("  " + ", ".join(f"{name} {value:.1e}" for name, value in row["error"].items()))
-        known = ("name", "ours_s", "peer", "peer_s", "ratio", "asked", "error")
-        print(
-            "  "
-            + ", ".join(
-                f"{name} {_short(value)}"
-                for name, value in row.items()
-                if name not in known and value is not None
-            )
-        )
+        more = {name: value for name, value in row.items() if value is not None}
+        name, ours_s, peer, error = (more.pop(of) for of in ("name", "ours_s", "peer", "error"))
+        peer_s, ratio, asked = (more.pop(of, None) for of in ("peer_s", "ratio", "asked"))
+        than = "" if ratio is None else f", peer {peer_s:.3f} s: {ratio:8.1f}x, asked {asked:g}x"
+        print(f"\n{name}\n  {ours_s:.3f} s{than}; peer: {peer}")
+        print("  " + ", ".join(f"{of} {value:.1e}" for of, value in error.items()))
+        print("  " + ", ".join(f"{of} {_short(value)}" for of, value in more.items()))
 
 
 def _short(value: Any) -> str:

@@ -1,26 +1,30 @@
-"""Random islands, shelves and areas for missions."""
+"""Currents, random islands, shelves and areas for missions."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from planners import MissionRequest, MissionSettings, NoGo
+from planners import NoGo
+from replay_kit import open_ensemble
+from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.estimator import embed_member
+from tests.places import DATA
 from tests.planners.flow_samples import place
+
+
+def members_flow(number: int, tiny: bool) -> FlowEstimate | None:
+    """Return a member of the quasi-geostrophic set as it is; None where the shared data are not there, or when tiny."""
+    path = DATA / "qg" / "climatology.nc"
+    if tiny or not path.exists():
+        return None
+    return embed_member(open_ensemble(path), number, EstimatorConfig())
 
 
 def bounds(flow: FlowEstimate) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the largest local east and north of a flow's grid [m]."""
     low, high = (np.array([f(flow.grid.east), f(flow.grid.north)]) for f in (np.min, np.max))
     return low, high
-
-
-def asked(
-    flow: FlowEstimate, begin, end, settings: MissionSettings, *areas: NoGo
-) -> MissionRequest:
-    """Return a request of a mission between two local points, past some areas."""
-    start, goal = (place(flow, *at, 0.0) for at in (begin, end))
-    return MissionRequest(start, (goal,), settings=settings, no_go=areas)
 
 
 def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:

@@ -1,58 +1,30 @@
 """ArduPilot's logs against pymavlink's own readers: a telemetry log whole and in part, a DataFlash log.
 
-The files are real ones; where they are absent, and at the tiny size, smaller ones made here.
+The files are real ones; where they are absent, and at the tiny size, the sample and a smaller one made here.
 """
 
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from pymavlink import DFReader, mavutil
-from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs import open_log
 from replay_kit.workflows.replay.inputs.scan import MAVLINK_NAMES
 from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
-from tests.logs.log_samples import SHARED, attitude, tlog_entry
+from tests.logs.log_samples import SHARED
 from tests.logs.mavlink.dataflash_samples import dataflash
-
-START_US = 1_700_000_000_000_000
-
-
-def small_tlog() -> bytes:
-    """A telemetry log with a little of everything."""
-    kinds: tuple[Callable[[int], Any], ...] = (
-        attitude,
-        lambda n: dialect.MAVLink_global_position_int_message(
-            n, 473000000 + n, -1246305732, 60, -1500 - n, 1, 2, 3, 65535
-        ),
-        lambda n: dialect.MAVLink_gps_raw_int_message(
-            START_US + n, 3, 473000000 + n, -1246305732, 0, 199, 65535, 0, 0, 21
-        ),
-        lambda n: dialect.MAVLink_statustext_message(6, b"dive %d" % n),
-        lambda n: dialect.MAVLink_debug_float_array_message(
-            START_US, b"ADCP_E", n, [0.5 * n, float("nan"), *[0.0] * 56]
-        ),
-        lambda n: dialect.MAVLink_system_time_message(START_US + 1000 * n, 1 + n),
-    )
-    # MAVLink 2 throughout: pymavlink takes the version of the first frame for that of all
-    return b"".join(tlog_entry(START_US + 1000 * n, kinds[n % 6](n)) for n in range(120))
+from tests.places import SAMPLES
 
 
 def differing(ours: Iterable[tuple[str, dict[str, Any]]], theirs: Iterable[Any]) -> float:
     """How many messages are not the same in both, NaN being the same as NaN."""
     found = 0
     for mine, other in zip_longest(ours, theirs):
-        expected = None if other is None else other.to_dict()
-        if (
-            mine is None
-            or expected is None
-            or mine[0] != expected.pop("mavpackettype")
-            or mine[1] != expected
-        ):
-            found += mine is None or expected is None or repr(mine[1]) != repr(expected)
+        expected = {} if other is None else other.to_dict()
+        found += repr((expected.pop("mavpackettype", None), expected)) != repr(mine)
     return float(found)
 
 
@@ -100,14 +72,11 @@ def tlog_row(path: Path, names: frozenset[str] | None, asked: float, repeats: in
 
 def pymavlink_records(path: Path) -> list[str]:
     """All records of a DataFlash log by pymavlink's reader."""
-    log = DFReader.DFReader_binary(str(path), zero_time_base=False)
-    found = []
+    log, found = DFReader.DFReader_binary(str(path), zero_time_base=False), list[str]()
     while (message := log.recv_msg()) is not None:
-        fields = {
-            name: list(value) if hasattr(value, "tolist") else value
-            for name, value in message.to_dict().items()
-        }
-        found.append(f"dataflash.{fields.pop('mavpackettype')} {fields}")
+        fields = message.to_dict()
+        plain = {n: list(v) if hasattr(v, "tolist") else v for n, v in fields.items()}
+        found.append(f"dataflash.{plain.pop('mavpackettype')} {plain}")
     log.close()
     return found
 
@@ -134,8 +103,7 @@ def rows(tiny: bool) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         telemetry, binary = real / "small.tlog", real / "small.BIN"
         if tiny or not real.is_dir():
-            telemetry, binary = (Path(folder) / name for name in ("small.tlog", "small.BIN"))
-            telemetry.write_bytes(small_tlog())
+            telemetry, binary = SAMPLES / "glider.tlog", Path(folder) / "small.BIN"
             binary.write_bytes(b"".join(dataflash(20)))
         return [
             run(lambda: tlog_row(telemetry, None, 2.5, repeats)),

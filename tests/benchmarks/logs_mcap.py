@@ -42,16 +42,10 @@ def _fix(n: int) -> dict[str, Any]:
 
 def _protobuf_fix(n: int) -> bytes:
     value = _fix(n)
-    message = fox.LocationFix(
-        timestamp=fox.Timestamp(value["timestamp"]["sec"], 0),
-        frame_id=value["frame_id"],
-        latitude=value["latitude"],
-        longitude=value["longitude"],
-        altitude=value["altitude"],
-        position_covariance=value["position_covariance"],
-        metadata=[fox.KeyValuePair(**pair) for pair in value["metadata"]],
-    )
-    return bytes(message.encode())
+    del value["position_covariance_type"]
+    value["timestamp"] = fox.Timestamp(value["timestamp"]["sec"], 0)
+    value["metadata"] = [fox.KeyValuePair(**pair) for pair in value["metadata"]]
+    return bytes(fox.LocationFix(**value).encode())
 
 
 def _write(
@@ -75,8 +69,7 @@ def _ours(path: Path) -> list[Any]:
     """The number of messages, and the last payload."""
     count, payload = 0, None
     for message in merge([open_log(path)], 1.0):
-        count += 1
-        payload = message.payload
+        count, payload = count + 1, message.payload
     return [count, payload]
 
 
@@ -84,8 +77,7 @@ def _peer_json(path: Path) -> list[Any]:
     count, payload = 0, None
     with path.open("rb") as file:
         for _, _, message in make_reader(file, validate_crcs=True).iter_messages():
-            count += 1
-            payload = orjson.loads(message.data)
+            count, payload = count + 1, orjson.loads(message.data)
     return [count, payload]
 
 
@@ -95,10 +87,7 @@ def _peer_protobuf(path: Path) -> list[Any]:
         reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
         for _, _, _, value in reader.iter_decoded_messages():  # noqa: B007 - the last is compared
             count += 1
-    return [
-        count,
-        {} if value is None else {name: getattr(value, name) for name in ("latitude", "longitude")},
-    ]
+    return [count, {name: getattr(value, name) for name in ("latitude", "longitude")}]
 
 
 def _reading(
@@ -123,24 +112,27 @@ def _reading(
 def reading_rows(folder: Path, tiny: bool) -> list[Row]:
     """JSON and protobuf, decoded to plain dicts, against the stock reader with orjson and with mcap-protobuf-support."""
     count, repeats = (200, 1) if tiny else (300_000, 3)
-    json_schema = ("foxglove.LocationFix", "jsonschema", b'{"type":"object"}')
-    json_file = _write(
-        folder / "json.mcap", count, "json", json_schema, lambda n: orjson.dumps(_fix(n))
-    )
     schema = fox.LocationFix.get_schema()
-    protobuf_file = _write(
-        folder / "protobuf.mcap",
-        count,
-        "protobuf",
-        (schema.name, schema.encoding, schema.data),
-        _protobuf_fix,
-    )
     peer = "mcap reader, mcap-protobuf-support, checksums on; its values stay packed, ours are plain dicts"
+    forms = {
+        "JSON": (
+            *(("foxglove.LocationFix", "jsonschema", b'{"type":"object"}'), _peer_json),
+            *(lambda n: orjson.dumps(_fix(n)), "mcap reader, orjson, checksums on"),
+        ),
+        "protobuf": (
+            (schema.name, schema.encoding, schema.data),
+            _peer_protobuf,
+            _protobuf_fix,
+            peer,
+        ),
+    }
     return [
         _reading(
-            "MCAP read, JSON", json_file, _peer_json, "mcap reader, orjson, checksums on", repeats
-        ),
-        _reading("MCAP read, protobuf", protobuf_file, _peer_protobuf, peer, repeats),
+            f"MCAP read, {name}",
+            _write(folder / f"{name}.mcap", count, name.lower(), about, payload),
+            *(read, words, repeats),
+        )
+        for name, (about, read, payload, words) in forms.items()
     ]
 
 

@@ -10,22 +10,19 @@ import numpy as np
 from planners import Glider, MissionRequest, MissionSettings, plan_mission
 from planners.simulation.currents import currents_of
 from planners.simulation.fly import Legs, fly
-from replay_kit.config.run import RunConfig
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.estimator.basis.modes import embed_member
-from replay_kit.forecast import read_ensemble
+from tests.benchmarks.islands import members_flow
 from tests.benchmarks.measure import Row, cpu, row
-from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow, place
 
-QG = DATA / "qg" / "climatology.nc"
 _MEMBER, _DIVES = 5, 10
 _VEHICLE = Glider()
 
 
 def rows(tiny: bool) -> list[Row]:
     """Return the processor time of plans, and by what share the slowest plan is later than the flight."""
-    flow, count = _flow(tiny), 1 if tiny else 6
+    count = 1 if tiny else 6
+    flow = members_flow(_MEMBER, tiny) or eddying_flow(1 if tiny else _MEMBER, speed=0.25)
     drawn = [_case(flow, np.random.default_rng(seed)) for seed in range(count)]
     plans = [cpu(lambda: plan_mission(flow, asked)) for asked, _ in drawn]  # noqa: B023
     warm = [
@@ -58,10 +55,3 @@ def _case(flow: FlowEstimate, rng: np.random.Generator) -> tuple[MissionRequest,
     settings = replace(MissionSettings(), depth=deepest)
     request = MissionRequest(ends[0], (ends[1],), _VEHICLE, settings)
     return request, float(flight.time[0, -1])
-
-
-def _flow(tiny: bool) -> FlowEstimate:
-    if tiny or not QG.exists():
-        return eddying_flow(1 if tiny else _MEMBER, speed=0.25)
-    config = RunConfig()
-    return embed_member(read_ensemble(QG, config.forecast), _MEMBER, config.estimator)

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from time import process_time
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy.interpolate import RegularGridInterpolator
 from planners import Glider, MissionRequest, MissionSettings, plan_mission
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic, to_local
-from tests.benchmarks.measure import Row, row
+from tests.benchmarks.measure import Row, cpu, row
 from tests.planners.flow_samples import place
 from tests.planners.hazardous import LATITUDE, LONGITUDE, HazardousMission, random_mission
 from tests.reference.vehicle import Sea
@@ -35,45 +34,32 @@ class Met:
     lasts: float
 
 
-@dataclass(frozen=True, slots=True)
-class Reached:
-    """What is said of a mission: its status, whether a goal is out of reach, whether the bound is above a flight; the plan's time [s]."""
-
-    status: str
-    out_of_reach: bool = False
-    bound_above: bool = False
-    seconds: float = 0.0
+#: What is said of a mission: its status, whether a goal is out of reach, whether the bound is above a flight; the plan's time [s].
+Reached = tuple[str, bool, bool, float]
 
 
 def reach_row(missions: Sequence[Reached]) -> Row:
     """Return how many missions to goals that can be met were called out of reach, and how many bounds were above a flight."""
-    found = Counter(one.status for one in missions)
-    wrong = {
-        "out_of_reach": float(sum(one.out_of_reach for one in missions)),
-        "bounds_above": float(sum(one.bound_above for one in missions)),
-    }
+    statuses, out_of_reach, above, seconds = zip(*missions, strict=True)
+    wrong = {"out_of_reach": float(sum(out_of_reach)), "bounds_above": float(sum(above))}
     name = f"{len(missions)} missions past one to three goals that a random flight has met: 0 out of reach"
-    took = [one.seconds for one in missions if one.seconds > 0.0] or [0.0]
-    return row(name, float(np.median(took)), "", error=wrong, slowest_s=max(took), **found)
+    took = [one for one in seconds if one > 0.0] or [0.0]
+    more = {"slowest_s": max(took), **Counter(statuses)}
+    return row(name, float(np.median(took)), "", error=wrong, **more)
 
 
 def one_mission(seed: int) -> Reached:
     """Return what is said of a mission past the goals of a random flight."""
     mission = random_mission(seed)
     if (met := _flight(mission, np.random.default_rng((1, seed)))) is None:
-        return Reached("no_flight")
-    began = process_time()
+        return "no_flight", False, False, 0.0
     try:
-        plan = plan_mission(mission.flow, _asked(mission, met))
+        seconds, plan = cpu(lambda: plan_mission(mission.flow, _asked(mission, met)))
     except PlanError as error:
-        return Reached(f"refused: {error}")
-    seconds, bound = process_time() - began, float(plan.statistics.get("bound_h", 0.0))
-    return Reached(
-        plan.status,
-        "out of reach" in plan.message,
-        bound * 3600.0 > min(met.lasts, plan.duration),
-        seconds,
-    )
+        return f"refused: {error}", False, False, 0.0
+    bound = 3600.0 * float(plan.statistics.get("bound_h", 0.0))
+    above = bound > min(met.lasts, plan.duration)
+    return plan.status, "out of reach" in plan.message, above, seconds
 
 
 def _asked(mission: HazardousMission, met: Met) -> MissionRequest:
@@ -131,9 +117,7 @@ def _room(mission: HazardousMission, places) -> float:
         ring = shapely.Polygon(np.column_stack(to_local(frame, *np.array(area.polygon).T)))
         if shapely.distance(ring, line) < _AWAY:
             return -1.0
-    around = _AROUND * np.array(
-        [[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1], [1, -1], [-1, 1]]
-    )
+    around = np.stack(np.meshgrid(*[[-_AROUND, 0.0, _AROUND]] * 2), axis=-1).reshape(-1, 2)
     points = (places[:, None] + around).reshape(-1, 2)
     if np.any(np.abs(points) > [35e3, 25e3]):
         return -1.0

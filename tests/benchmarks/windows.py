@@ -19,6 +19,7 @@ from scipy.ndimage import gaussian_filter
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.points import best_velocity_at
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.observation import Observation
@@ -29,10 +30,10 @@ from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.grids.horizontal import in_frame
 from replay_kit.studies.twins.field import build_field
 from tests import synthetic
-from tests.benchmarks.measure import Row, peak_mb, row
+from tests.benchmarks.measure import Row, cpu, peak_mb, row
 
 _WEST, _SOUTH, _STEP = -14.0, 40.0, 1.0 / 12.0
-_NOISE = 0.05  # m/s
+_NOISE, _PLACE = 0.05, ("longitude", "latitude")  # m/s
 _DEPTHS = np.array([10.0, 60.0, 110.0, 160.0, 210.0])
 LEVELS = np.array([5.0, 50.0, 100.0, 150.0, 200.0, 300.0])
 # Functions of depth, and the variance of each relative to that of the one before.
@@ -118,25 +119,19 @@ def mission(
     of: Sea, strip: Strip, truth: Ensemble, margin: float, seed: int = 1
 ) -> list[Observation]:
     """Return the pings of a zigzag from one end to the other, half a margin or more inside the strip."""
-    along = np.linspace(0.0, 1.0, strip.pings)
+    along = np.linspace(-0.5, 0.5, strip.pings)
     inset = 0.5 * margin / 111_195.0
-    half = 0.5 * (of.latitude[-1] - of.latitude[0]) - inset
     inset_x = inset / np.cos(np.deg2rad(of.latitude[-1]))
-    longitude = (
-        of.longitude[0] + inset_x + along * (of.longitude[-1] - of.longitude[0] - 2.0 * inset_x)
-    )
-    turns = strip.columns / strip.rows
-    latitude = of.latitude.mean() + 0.5 * half * (2.0 / np.pi) * np.arcsin(
-        np.sin(2.0 * np.pi * turns * along)
-    )
-    east, north = to_local(truth.grid.projection, longitude, latitude)
+    longitude = of.longitude.mean() + along * (np.ptp(of.longitude) - 2.0 * inset_x)
+    turns = 2.0 * np.pi * strip.columns / strip.rows * (along + 0.5)
+    half = 0.5 * np.ptp(of.latitude) - inset
+    latitude = of.latitude.mean() + half / np.pi * np.arcsin(np.sin(turns))
+    places = np.transpose(to_local(truth.grid.projection, longitude, latitude))
     field, rng = build_field(truth), np.random.default_rng(seed)
-    values = field.velocity(east[:, None], north[:, None], _DEPTHS)
+    values = field.velocity(*places.T[..., None], _DEPTHS)
     values += _NOISE * rng.standard_normal(values.shape)
     return [
-        synthetic.profile(
-            truth.grid, east[k], north[k], _DEPTHS, values[k], _NOISE, time_ns=k * 10**9
-        )
+        synthetic.profile(truth.grid, *places[k], _DEPTHS, values[k], _NOISE, time_ns=k * 10**9)
         for k in range(strip.pings)
     ]
 
@@ -177,9 +172,10 @@ def rows(tiny: bool) -> list[Row]:
     estimator = windowed(of, strip, pings[0], margin, config)
     state, jumps, flows = estimator.initial(), list[float](), list[FlowEstimate]()
     for ping in pings:
-        before, state = state, estimator.moved(state, ping)
+        states = state, estimator.moved(state, ping)
+        state = states[1]
         if state.left:
-            jumps.append(_jump(estimator, before, state, ping))
+            jumps.append(_jump(estimator, states, ping))
             flows += estimator.left_flows(state)
         state, _ = estimator.assimilate(estimator.without_left(state), [ping])
     flows.append(estimator.flow(state))
@@ -187,68 +183,40 @@ def rows(tiny: bool) -> list[Row]:
     west, east = np.quantile(of.longitude, [1.0 / 3.0, 2.0 / 3.0])
     third = (float(west), float(of.latitude[0]), float(east), float(of.latitude[-1]))
     inside = [ping for ping in pings if west <= ping.longitude <= east]
-    began = time.process_time()
-    alone = build([of.part(third, slice(0, strip.members))], config, GatingConfig())
-    single, _ = alone.assimilate(alone.initial(), inside)
-    peer_s = time.process_time() - began
-    ours, theirs = _error(flows, inside, truth), _error([alone.flow(single)], inside, truth)
+
+    def alone() -> FlowEstimate:
+        one = build([of.part(third, slice(0, strip.members))], config, GatingConfig())
+        return one.flow(one.assimilate(one.initial(), inside)[0])
+
+    peer_s, single = cpu(alone)
+    ours, theirs = _error(flows, inside, truth), _error([single], inside, truth)
+    found = {"relative_to_one_window": ours / theirs}
+    size = f"mission of {strip.columns * _STEP * 85.0:.0f} km, {strip.pings} pings"
+    # of the errors, not of the times: the peer knows a third of the way
+    more = {"ratio": theirs / ours, "error_windows": ours, "error_one_window": theirs}
     return [
         row(
-            f"mission of {strip.columns * _STEP * 85.0:.0f} km, {strip.pings} pings, {len(flows)} windows of {strip.window} points",
-            spent,
-            "one window of the middle third, with the pings there",
-            peer_s,
-            1.0 / 1.05,
-            {
-                "relative_to_one_window": ours / theirs,
-                "jump_in_standard_errors": max(jumps, default=0.0),
-            },
-            # of the errors, not of the times: the peer knows a third of the way
-            ratio=theirs / ours,
-            error_windows=ours,
-            error_one_window=theirs,
-            windows=len(flows),
-            peak_mb=memory,
+            f"{size}, {len(flows)} windows of {strip.window} points",
+            *(spent, "one window of the middle third, with the pings there", peer_s, 1.0 / 1.05),
+            found | {"jump_in_standard_errors": max(jumps, default=0.0)},
+            **(more | {"windows": len(flows), "peak_mb": memory}),
         )
     ]
 
 
-def _jump(estimator: WindowedEstimator, before: Any, after: Any, ping: Observation) -> float:
+def _jump(estimator: WindowedEstimator, states: Sequence[Any], ping: Observation) -> float:
     """Return by how many standard errors the estimate under the vehicle changes at a handover, RMS over depths and components."""
-    one, other = (
-        estimator.flow(state).velocity_at(ping.longitude, ping.latitude, _DEPTHS)
-        for state in (before, after)
-    )
+    flows = [estimator.flow(state) for state in states]
+    one, other = (flow.velocity_at(ping.longitude, ping.latitude, _DEPTHS) for flow in flows)
     change = np.array([other.u - one.u, other.v - one.v])
     return float(np.sqrt(np.mean((change / [one.u_standard_error, one.v_standard_error]) ** 2)))
 
 
-def _error(flows: Sequence[Any], pings: Sequence[Observation], truth: Ensemble) -> float:
-    """Return the RMS error [m/s] about the track, in each place of the latest estimate that holds it."""
-    longitude, latitude = (
-        np.array([getattr(ping, name) for ping in pings]) for name in ("longitude", "latitude")
-    )
-    east, north = to_local(truth.grid.projection, longitude, latitude)
-    true = build_field(truth).velocity(east[:, None], north[:, None], _DEPTHS)
-    true = np.stack(
-        rotate_to_geographic(
-            truth.grid.projection, longitude[:, None], latitude[:, None], true[..., 0], true[..., 1]
-        ),
-        axis=-1,
-    )
-    values = [flow.velocity_at(longitude[:, None], latitude[:, None], _DEPTHS) for flow in flows]
-    errors = np.array(
-        [
-            np.nan_to_num(np.hypot(each.u_standard_error, each.v_standard_error), nan=np.inf)
-            for each in values
-        ]
-    )
-    best = np.argmin(errors, axis=0)[None]
-    found = np.stack(
-        [
-            np.take_along_axis(np.array([getattr(each, name) for each in values]), best, 0)[0]
-            for name in "uv"
-        ],
-        axis=-1,
-    )
-    return float(np.sqrt(np.nanmean((found - true) ** 2)))
+def _error(flows: Sequence[FlowEstimate], pings: Sequence[Observation], truth: Ensemble) -> float:
+    """Return the RMS error [m/s] about the track, in each place of the surest estimate that holds it."""
+    at = [np.array([getattr(one, name) for one in pings])[:, None] for name in _PLACE]
+    frame = truth.grid.projection
+    true = build_field(truth).velocity(*to_local(frame, *at), _DEPTHS)
+    turned = rotate_to_geographic(frame, *at, true[..., 0], true[..., 1])
+    found = best_velocity_at(flows, *at, _DEPTHS)
+    return float(np.sqrt(np.nanmean((np.stack([found.u, found.v]) - np.stack(turned)) ** 2)))

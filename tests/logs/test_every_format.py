@@ -1,18 +1,15 @@
 """What holds for the logs of every format: a row of the table, and a sound file of it."""
 
 import re
-from io import StringIO
 
 import orjson
 import pytest
 
-from replay_kit.config.run import LogConfig, RunConfig
+from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import FORMATS, open_log
-from replay_kit.show.text import SafeConsole
-from replay_kit.workflows.convert import convert, convert_json, print_converted
-from replay_kit.workflows.info.inspect import inspect_logs
-from replay_kit.workflows.info.listing import info_json, print_infos
+from replay_kit.workflows.convert import convert
+from tests.command import run_command
 from tests.fuzz.damage import bursts, ensembles, frames, records
 from tests.logs.sound import SOUND
 from tests.places import ROOT
@@ -71,25 +68,18 @@ def test_a_file_that_vanished_is_an_error_of_ours(path, form):
 
 
 @each
-def test_what_is_converted_says_the_same(path, form, tmp_path):
+def test_what_is_converted_says_the_same_and_a_topic_takes_its_new_name(path, form, tmp_path):
     log = open_log(path)
-    summary = convert([path], tmp_path / "out.mcap", False, LogConfig())
-    again = open_log(summary.out)
     by_time = sorted(said(log), key=lambda row: row[0])
-    found = sorted(said(again), key=lambda row: row[0])
-    assert [row[:-1] for row in found] == [row[:-1] for row in by_time]
-
-
-@each
-def test_a_topic_takes_its_new_name(path, form, tmp_path):
-    first = next(open_log(path).messages()).topic
-    config = LogConfig(remap={first: "/other"})
-    log = open_log(path, 0, config)
-    topics = {message.topic for message in log.messages()}
-    assert first not in topics
-    assert "/other" in topics <= log.report().read.keys()
-    copied = convert([path], tmp_path / "out.mcap", False, config).messages
-    assert copied.keys() - {"mavlink/frames"} == topics
+    first = by_time[0][1]
+    summary = convert([path], tmp_path / "out.mcap", False, LogConfig(remap={first: "/other"}))
+    found = sorted(said(open_log(summary.out)), key=lambda row: row[0])
+    renamed = [(row[0], "/other" if row[1] == first else row[1], *row[2:-1]) for row in by_time]
+    assert [row[:-1] for row in found] == renamed
+    topics = {row[1] for row in renamed}
+    assert topics == summary.messages.keys() - {"mavlink/frames"}
+    log = open_log(path, 0, LogConfig(remap={first: "/other"}))
+    assert {message.topic for message in log.messages()} == topics <= log.report().read.keys()
 
 
 @each
@@ -97,19 +87,17 @@ def test_info_and_convert_say_what_no_checksum_covers(path, form, tmp_path):
     log = open_log(path)
     assert log.report().unchecked == {}
     said(log)
-    read = log.report()
-    messages = sum(read.read.values())
-    assert dict(read.unchecked) == ({form.unchecked: messages} if form.unchecked else {})
-    line = f"Without a checksum, so that damage cannot be detected: {path}: {form.unchecked} ({messages})"
-    found = inspect_logs([path], RunConfig())
-    summary = convert([path], tmp_path / "out.mcap", False, LogConfig())
-    for show, value in ((print_infos, found), (print_converted, summary)):
-        text = StringIO()
-        show(value, SafeConsole(file=text, width=400))
-        assert (line in text.getvalue()) is bool(form.unchecked)
-    assert info_json(found[0])["unchecked"] == dict(read.unchecked)
-    told = [{"file": str(path), "what": w, "count": n} for w, n in read.unchecked.items()]
-    assert convert_json(summary)["unchecked"] == told
+    count = sum(log.report().read.values()) if form.unchecked else 0
+    assert dict(log.report().unchecked) == ({form.unchecked: count} if count else {})
+    line = f"Without a checksum, so that damage cannot be detected: log: {form.unchecked} ({count})"
+    commands = "info log", "convert log -o out.mcap --overwrite"
+    for command in commands:
+        done = run_command(tmp_path, command)
+        assert (line in " ".join((done.stdout + done.stderr).split())) is bool(count)
+    info, copy = (orjson.loads(run_command(tmp_path, f"{one} --json -").stdout) for one in commands)
+    assert info["logs"][0]["unchecked"] == dict(log.report().unchecked)
+    told = [{"file": "log", "what": form.unchecked, "count": count}]
+    assert copy["unchecked"] == (told if count else [])
 
 
 @pytest.mark.parametrize("name", ["tlog", "dataflash", "pd0", "ad2cp"])

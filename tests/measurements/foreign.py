@@ -44,8 +44,8 @@ def imc(coord_sys, cells, distance=5.0):
     }
 
 
-def pose(x, y, z, frame="odom"):
+def pose(x, y, z, frame="odom", turn=None):
     return {
         "header": {"frame_id": frame},
-        "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": {"w": 1.0}},
+        "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": turn or {"w": 1.0}},
     }

@@ -39,24 +39,6 @@ def test_depths_of_cells_are_those_of_the_pressure_or_of_the_vehicle(vehicle, ch
     assert (found.flags[2] == Flag.FAIL) == bool(found.reasons[2] & Reason.ABOVE_SURFACE) == up
 
 
-@pytest.mark.parametrize(
-    ("changes", "reason"),
-    [
-        ({"reference": None}, "expected reference"),
-        ({"coordinate_system": "beam"}, "heading is magnetic"),
-        ({"coordinate_system": "sideways"}, "expected coordinate_system"),
-        ({"velocity": [[0.1, 0.2]]}, "expected 3 cells"),
-        ({"velocity": None}, "list of velocities"),
-        ({"cell_size": 0.0}, "cell_size > 0"),
-        ({"velocity_std": [0.1, 0.1]}, "3 numbers"),
-    ],
-)
-def test_bad_pings_are_skipped_with_a_reason(changes, reason):
-    events = run([fix(0), ping(0, **changes)])
-    assert not only(Observation, events)
-    assert reason in reasons(events)[0]
-
-
 def test_an_incomplete_mavlink_ping_is_said():
     events = run([position_int(5), *mavlink_frames(skip=("ADCP_N",))])
     assert reasons(events) == ["part of an incomplete ping"] * 4

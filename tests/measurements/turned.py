@@ -5,15 +5,29 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
-from replay_kit.core.observation.table import Table
+from replay_kit.core.observation.table import Rows, Table
 from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.schemas import tables_of
 from replay_kit.measurements.profiles.earth import no_triples, to_earth
+from replay_kit.measurements.profiles.frames import attitude_of
 
 CONFIG, NO_ATTITUDE = MeasurementConfig(), no_triples()
+
+
+def quaternion(rotation: Rotation, factor: float = 1.0) -> dict[str, float]:
+    """Return a rotation as a message has it."""
+    return dict(zip("xyzw", (factor * rotation.as_quat()).tolist(), strict=True))
+
+
+def of_quaternion(message: Mapping[str, float], time_ns: int = 0) -> Rows:
+    """Return the attitude of a body, east, north, up, at a time."""
+    turn = np.array([[message[name] for name in "xyzw"]])
+    values = attitude_of(turn, np.zeros(1, bool))
+    return {"time": np.array([time_ns]), "order": np.array([-1]), "values": values}
 
 
 def table_of(message: Message, config: MeasurementConfig) -> Table:

@@ -99,25 +99,25 @@ def _converter(descriptor: Descriptor) -> _Read:
 
     def value_of(field: FieldDescriptor) -> str:
         """Return the source of a field's value."""
-        plain = field.name.isidentifier() and not iskeyword(field.name)
-        value = f"m.{field.name}" if plain else f"getattr(m, {field.name!r})"
+        value = f"getattr(m, {field.name!r})"
+        if field.name.isidentifier() and not iskeyword(field.name):
+            value = f"m.{field.name}"
         kind = field.message_type
         if field.is_repeated:
             if kind is None:
                 return f"{value}[:]"
             if kind.GetOptions().map_entry:
                 item = kind.fields_by_name["value"].message_type
-                return (
-                    f"dict({value})"
-                    if item is None
-                    else f"{{k: {function(item)}(v) for k, v in {value}.items()}}"
-                )
+                if item is None:
+                    return f"dict({value})"
+                return f"{{k: {function(item)}(v) for k, v in {value}.items()}}"
             return f"[{function(kind)}(v) for v in {value}]"
         if kind is not None:
             value = f"{function(kind)}({value})"
         elif field.containing_oneof is None:
             return value
-        return f"{value} if m.HasField({field.name!r}) else None"
+        # a field of that name would hide the method
+        return f"{value} if type(m).HasField(m, {field.name!r}) else None"
 
     name, scope = function(descriptor), dict[str, Any]()
     exec("\n".join(lines), scope)

@@ -1,4 +1,4 @@
-"""Small Nortek AD2CP files with a known truth: bursts in beam, instrument or earth coordinates, and bottom tracks between them."""
+"""Small Nortek AD2CP files of known velocities: bursts in beam, instrument or earth coordinates, and bottom tracks between them."""
 
 import struct
 from dataclasses import dataclass
@@ -7,7 +7,6 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from tests.logs.adcp.raw_adcp_samples import nortek_record
-from tests.reference import frames as slow
 
 START = datetime(2024, 5, 1, 6, 30, tzinfo=UTC)
 ANGLE, N_CELLS, CELL, BLANK = 25.0, 6, 1.0, 0.5
@@ -17,12 +16,12 @@ TEXT, BURST, BOTTOM = 0xA0, 0x15, 0x17
 
 @dataclass(frozen=True)
 class Survey:
-    """A platform that moves over the ground in a uniform current; the heading is true, as DECL is stated."""
+    """Velocities of water and bottom along the instrument's axes [m/s]; the heading is true, as DECL is stated."""
 
     system: str = "beam"
     bottom_system: str = "beam"
-    water: tuple[float, float, float] = (0.4, -0.2, 0.0)
-    platform: tuple[float, float, float] = (1.1, 0.7, 0.0)
+    water: tuple[float, float, float] = (0.7, -0.9, 0.05)
+    bottom: tuple[float, float, float] = (-1.1, 0.7, 0.2)
     heading: float = 70.0
     pitch: float = 5.0
     roll: float = -8.0
@@ -40,12 +39,9 @@ def vectors() -> np.ndarray:
     return np.array([[s, 0, c], [0, -s, c], [-s, 0, c], [0, s, c]])
 
 
-def in_system(survey: Survey, velocity: np.ndarray, system: str) -> np.ndarray:
-    """Return a velocity in earth coordinates as the instrument stores it: beams, X Y Z1 Z2, or east, north, up twice."""
-    if system == "earth":
-        return np.array([*velocity, velocity[2]])
-    own = slow.nortek(survey.heading, survey.pitch, survey.roll, survey.down).T @ velocity
-    return vectors() @ own if system == "beam" else np.array([*own, own[2]])
+def in_system(velocity: tuple[float, float, float], system: str) -> np.ndarray:
+    """Return a velocity as the instrument stores it: along beams, or x, y and z twice, as east, north and up."""
+    return vectors() @ velocity if system == "beam" else np.array([*velocity, velocity[2]])
 
 
 def text() -> bytes:
@@ -86,8 +82,8 @@ def burst(survey: Survey, k: int) -> bytes:
     head = _head(survey, START + timedelta(seconds=k), 0b11101111, beams_cy, 76)
     rest = struct.pack("<HHBbH6hhHHbb", 1000, 50, 60, 0, 150, *[0] * 6, 3000, 0, 0, -3, 0)
     tail = struct.pack("<hhHHII", 0, 0, 0, 0, _status(survey), k + 1)
-    relative = in_system(survey, np.subtract(survey.water, survey.platform), survey.system)
-    velocity = np.repeat(np.round(1000 * relative), N_CELLS).astype("<i2").tobytes()
+    stored = in_system(survey.water, survey.system)
+    velocity = np.repeat(np.round(1000 * stored), N_CELLS).astype("<i2").tobytes()
     levels = bytes([120] * 4 * N_CELLS + [95] * 4 * N_CELLS)
     return nortek_record(BURST, head + rest + tail + velocity + levels)
 
@@ -99,7 +95,7 @@ def bottom(survey: Survey, k: int, offset: int = 78) -> bytes:
     head = _head(survey, when, 0b1100101111, beams_cy, offset)
     rest = struct.pack("<HHBBH6hIHHbb", 0, 50, 0, 0, 150, *[0] * 6, 5000, 0, 0, survey.scaling, 0)
     tail = struct.pack("<hhIII", 0, 0, 0, _status(survey), k + 1) + bytes(offset - 78)
-    along = in_system(survey, -np.array(survey.platform), survey.bottom_system)
+    along = in_system(survey.bottom, survey.bottom_system)
     seen = np.round(10.0**-survey.scaling * along).astype(int).tolist()
     if survey.missing_beam is not None:
         seen[survey.missing_beam] = -32768

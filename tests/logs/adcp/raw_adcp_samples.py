@@ -1,4 +1,4 @@
-"""Small raw ADCP files with a known truth: Teledyne PD0 with bottom track and WinRiver's GPS, and bare Nortek records."""
+"""Small raw ADCP files of known numbers: Teledyne PD0 with bottom track and WinRiver's GPS, and bare Nortek records."""
 
 import struct
 from dataclasses import dataclass
@@ -10,7 +10,6 @@ import numpy as np
 
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
-from tests.reference import frames as slow
 from tests.reference.adcp_records import nortek_sum
 
 FIRST_CELL, CELL, N_CELLS, ANGLE = 2.0, 1.0, 12, 20.0
@@ -18,29 +17,23 @@ START = datetime(2019, 6, 2, 4, 0, tzinfo=UTC)
 CLOCK_BEHIND = timedelta(hours=8)  # the instrument runs on local time, a day earlier
 LATITUDE, LONGITUDE = 48.0, -123.0
 METRES_PER_DEGREE = 111_200.0
-# of Teledyne, convex, towards the transducer
-BEAMS = slow.janus_vectors(ANGLE)
+#: Over the ground, east and north [m/s]; of the bottom, as it is stored [mm/s].
+VESSEL, BOTTOM = (1.5, 0.8), (216, 36, 699, -446)
 _MISSING = -32768
 _SYSTEMS = {"beam": 0, "instrument": 1, "ship": 2, "earth": 3}
 
 
 @dataclass(frozen=True)
 class Survey:
-    """A vessel on a straight course over a current that is linear in depth; the heading is magnetic."""
+    """A vessel on a straight course; the heading is magnetic."""
 
     system: str = "beam"
-    water: tuple[float, float, float] = (0.6, -0.3, 0.01)
-    shear: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    vessel: tuple[float, float, float] = (1.5, 0.8, 0.0)
-    heading: float = 70.0
+    heading: float = 54.2
     pitch: float = 6.0
     roll: float = -9.0
-    declination: float = 15.8
     bottom_track: bool = True
     gps: bool = True
     stated_declination: float = 0.0
-    bad_beam: int | None = None
-    bottom: float = 50.0
     up: bool = False
     cells: int = N_CELLS
     cell: float = CELL
@@ -69,8 +62,8 @@ def ensemble(survey: Survey, k: int) -> bytes:
         levels = ((0x0200, 128), (0x0300, 100), (0x0400, 100))
         values = (struct.pack("<H", of) + bytes([each]) * 4 * survey.cells for of, each in levels)
         types += [_velocity(survey), *values]
-    types += [_bottom_track(survey)] if survey.bottom_track else []
-    types += [_gga(survey, k)] if survey.gps else []
+    types += [_bottom_track()] if survey.bottom_track else []
+    types += [_gga(k)] if survey.gps else []
     *offsets, end = accumulate(map(len, types), initial=6 + 2 * len(types))
     header = struct.pack(f"<2sHBB{len(types)}H", b"\x7f\x7f", end + 2, 0, len(types), *offsets)
     body = header + b"".join(types) + b"\x00\x00"
@@ -109,8 +102,7 @@ def _fixed_leader(survey: Survey) -> bytes:
 def _variable_leader(survey: Survey, k: int) -> bytes:
     clock = START - CLOCK_BEHIND + timedelta(seconds=k)
     rtc = (clock.month, clock.day, clock.hour, clock.minute, clock.second, 0)
-    magnetic = (survey.heading - survey.declination) % 360.0
-    attitude = (round(100 * magnetic), round(100 * survey.pitch), round(100 * survey.roll))
+    attitude = (round(100 * each) for each in (survey.heading, survey.pitch, survey.roll))
     part = struct.pack(
         "<HH7BBHHHHhhhh", 0x0080, k + 1, clock.year % 100, *rtc, 0, 0, 1500, 7, *attitude, 35, 1200
     )
@@ -118,45 +110,24 @@ def _variable_leader(survey: Survey, k: int) -> bytes:
     return part + bytes(3 + 3 + 8) + struct.pack("<I2xII", 0, 0, 0) + century
 
 
-def _rotation(survey: Survey) -> np.ndarray:
-    return slow.teledyne(survey.heading, survey.pitch, survey.roll, survey.up)
-
-
-def _in_system(survey: Survey, beams: np.ndarray) -> np.ndarray:
-    """Return beam velocities, shape (4,), as the instrument would store them in its coordinate system."""
-    if survey.system == "beam":
-        return beams
-    *own, error = slow.janus(beams, ANGLE, True)
-    if survey.system == "instrument":
-        return np.array([*own, error])
-    off = survey.declination - survey.stated_declination
-    turn = slow.about(2, survey.heading if survey.system == "ship" else off)
-    return np.array([*(turn @ _rotation(survey) @ own), error])
+def velocity(survey: Survey) -> np.ndarray:
+    """Return the velocities of the cells as they are stored [mm/s], one of them missing."""
+    stored = 17 + 40 * np.arange(survey.cells)[:, None] - 150 * np.arange(4)
+    stored[3, 2] = _MISSING
+    return stored
 
 
 def _velocity(survey: Survey) -> bytes:
-    along = BEAMS @ _rotation(survey).T
-    stretch = np.abs(along[:, 2]) / BEAMS[:, 2]
-    rows = []
-    for cell in range(survey.cells):
-        distance = (FIRST_CELL + survey.cell * cell) * stretch[:, None]
-        water = np.subtract(survey.water, survey.vessel) + distance * np.array(survey.shear)
-        row = np.round(1000.0 * _in_system(survey, np.sum(along * water, axis=1)))
-        if survey.bad_beam is not None and cell == 3:
-            row[survey.bad_beam] = _MISSING
-        rows.append(row)
-    return struct.pack("<H", 0x0100) + np.array(rows).astype("<i2").tobytes()
+    return struct.pack("<H", 0x0100) + velocity(survey).astype("<i2").tobytes()
 
 
-def _bottom_track(survey: Survey) -> bytes:
-    beams = -(BEAMS @ _rotation(survey).T) @ np.array(survey.vessel)
-    velocity = np.round(1000.0 * _in_system(survey, beams)).astype("<i2").tobytes()
-    distance = struct.pack("<H14x4H", 0x0600, *[round(100 * survey.bottom)] * 4)
-    return distance + velocity + bytes([255] * 4 + [90] * 4 + [100] * 4) + bytes(41)
+def _bottom_track() -> bytes:
+    distance = struct.pack("<H14x4H4h", 0x0600, *[5000] * 4, *BOTTOM)
+    return distance + bytes([255] * 4 + [90] * 4 + [100] * 4) + bytes(41)
 
 
-def _gga(survey: Survey, k: int) -> bytes:
-    east, north = (speed * k / METRES_PER_DEGREE for speed in survey.vessel[:2])
+def _gga(k: int) -> bytes:
+    east, north = (speed * k / METRES_PER_DEGREE for speed in VESSEL)
     latitude = LATITUDE + north
     longitude = LONGITUDE + east / np.cos(np.deg2rad(LATITUDE))
     when = START + timedelta(seconds=k)

@@ -7,14 +7,12 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
-from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs.adcp.reader import NOT_FOUND
 from tests.logs.adcp import ad2cp_samples as samples
-from tests.logs.adcp.ad2cp_samples import Survey, bottom, burst
+from tests.logs.adcp.ad2cp_samples import Survey, bottom, burst, in_system
 from tests.logs.adcp.raw_adcp_samples import nortek_record
 from tests.logs.log_samples import read_log as read
-from tests.measurements.turned import turned
 
 TEXT = samples.text()
 
@@ -26,29 +24,33 @@ def pings(folder, survey, n=5):
 @pytest.mark.parametrize(
     ("system", "bottom_system", "down"),
     [
-        ("beam", "beam", True),
-        ("beam", "beam", False),
-        ("instrument", "instrument", True),
-        ("earth", "earth", False),
-        ("beam", "instrument", False),
-        ("instrument", "beam", True),
+        *(("beam", "beam", down) for down in (True, False)),
+        *(("instrument", "instrument", True), ("earth", "earth", False)),
+        *(("beam", "instrument", False), ("instrument", "beam", True)),
     ],
 )
-def test_the_platforms_velocity_is_minus_that_of_the_bottom(tmp_path, system, bottom_system, down):
+def test_the_bottom_s_velocity_is_along_the_axes_of_the_pings(
+    tmp_path, system, bottom_system, down
+):
     survey = Survey(system=system, bottom_system=bottom_system, down=down)
+    # of instrument and earth coordinates the two verticals are one
+    number = 4 if system == "beam" else 3
+    along = [in_system(of, system)[:number].tolist() for of in (survey.water, survey.bottom)]
+    same = {
+        **{"coordinate_system": system, "orientation": "down" if down else "up"},
+        **{"attitude_convention": "nortek", "tilt_applied": system == "earth"},
+        **{"heading": 70.0, "pitch": 5.0, "roll": -8.0, "reference": "platform"},
+        **{"magnetic_declination": 3.5, "declination_applied": True, "bin_mapped": False},
+        **{"n_cells": 6, "cell_size": 1.0, "bin0_distance": 1.5},
+    }
     found = pings(tmp_path, survey)
     assert len(found) == 5
-    for payload in found:
-        assert payload["coordinate_system"] == system
-        # of instrument and earth coordinates the two verticals are one
-        assert len(payload["bottom_track"]["velocity"]) == (4 if system == "beam" else 3)
-        assert payload["bottom_track"]["distance"] == [30.0, 31.0, 32.0, 33.0]
-        ping = turned(payload, MeasurementConfig())
-        assert ping.absolute
-        assert ping.added[:2] == pytest.approx(survey.platform[:2], abs=0.003)
-        np.testing.assert_allclose(
-            ping.velocity[:3, :2], np.tile(survey.water[:2], (3, 1)), atol=0.004
-        )
+    for ping in found:
+        assert ping == ping | same
+        np.testing.assert_allclose(ping["beam_unit_vectors"], samples.vectors(), atol=1e-12)
+        np.testing.assert_allclose(ping["velocity"], [along[0]] * 6, atol=0.001)
+        np.testing.assert_allclose(ping["bottom_track"]["velocity"], along[1], atol=0.002)
+        assert ping["bottom_track"]["distance"] == [30.0, 31.0, 32.0, 33.0]
 
 
 def test_velocities_have_the_scaling_of_their_record_and_begin_where_it_says(tmp_path):
@@ -56,7 +58,7 @@ def test_velocities_have_the_scaling_of_their_record_and_begin_where_it_says(tmp
     parts = [burst(survey, 0), bottom(survey, 0, offset=82)]
     parts += [burst(survey, 9), bottom(replace(survey, scaling=-3), 9)]
     found, _ = read(tmp_path, TEXT + b"".join(parts))
-    expected = samples.in_system(survey, -np.array(survey.platform), "beam")
+    expected = in_system(survey.bottom, "beam")
     for ping, atol in zip(found, (0.00005, 0.0005), strict=True):
         velocity = ping.payload["bottom_track"]["velocity"]
         np.testing.assert_allclose(velocity, expected, atol=atol)
@@ -109,7 +111,7 @@ def test_a_bottom_track_belongs_to_the_ping_beside_it(tmp_path):
         (ping,), _ = read(tmp_path, TEXT + burst(survey, 0) + bottom(survey, 0))
         assert (ping.payload["bottom_track"] is not None) is found
     # of several the nearest in time
-    slow, fast = Survey(), Survey(platform=(2.2, 1.4, 0.0))
+    slow, fast = Survey(), Survey(bottom=(-2.2, 1.4, 0.4))
     data = TEXT + b"".join(burst(slow, k) for k in range(4)) + bottom(slow, 0) + bottom(fast, 3)
     along = [m.payload["bottom_track"]["velocity"][0] for m in read(tmp_path, data)[0]]
     assert along == pytest.approx([along[0]] * 2 + [2 * along[0]] * 2, abs=0.002)
@@ -151,7 +153,7 @@ def test_modes_of_unequal_numbers_are_streams_of_their_own(tmp_path):
 
 @pytest.mark.parametrize("apart", [True, False])
 def test_configurations_are_split(tmp_path, apart):
-    one, other = Survey(), Survey(system="earth", water=(0.2, 0.1, 0.0))
+    one, other = Survey(), Survey(system="earth", water=(0.2, 0.1, 0.05))
     later = nortek_record(samples.TEXT, content(TEXT).replace(b"DECL=3.50", b"DECL=4.50"))
     # two recordings one after the other, or plans in turn
     second = [k > 3 if apart else k % 2 for k in range(9)]
@@ -165,8 +167,7 @@ def test_configurations_are_split(tmp_path, apart):
     }
     assert said == {"/adcp": ("beam", 3.5), "/adcp/2": ("earth", 4.5 if apart else 3.5)}
     ping = next(m.payload for m in found if m.topic == "/adcp/2")
-    moved = np.subtract(other.water, other.platform)
-    np.testing.assert_allclose(ping["velocity"][0][:2], moved[:2], atol=0.001)
+    assert ping["velocity"][0] == pytest.approx(other.water)
 
 
 def test_a_configuration_that_cannot_be_read_costs_its_own_pings_alone(tmp_path):

@@ -15,51 +15,56 @@ from tests.logs.adcp import raw_adcp_samples as samples
 from tests.logs.adcp.raw_adcp_samples import Survey, pd0
 from tests.logs.log_samples import SECOND
 from tests.logs.log_samples import read_log as read
+from tests.reference import frames as slow
 from tests.reference.adcp_records import slow_records
 
 START_NS = int(samples.START.timestamp()) * SECOND
-SHEARED = (0.02, -0.01, 0.0)
 
 
 @pytest.mark.parametrize(
     "survey",
     [
-        Survey(shear=SHEARED),
-        Survey(bad_beam=2),
+        *(Survey(system=system) for system in ("beam", "instrument", "ship", "earth")),
         Survey(up=True),
-        Survey(shear=SHEARED, system="instrument"),
-        Survey(system="ship"),
-        Survey(system="earth"),
         Survey(system="earth", stated_declination=15.8),
     ],
 )
-def test_a_vessels_file_gives_the_current_over_the_ground(tmp_path, survey):
-    profiles = list(observations(read(tmp_path, pd0(survey))[0]))
-    assert len(profiles) == survey.n
-    profile = profiles[15]
-    distance = samples.FIRST_CELL + samples.CELL * np.arange(samples.N_CELLS)
-    down = -distance if survey.up else distance
-    np.testing.assert_allclose(profile.depth, 0.7 + down, atol=1e-9)
-    truth = np.array(survey.water) + distance[:, None] * np.array(survey.shear)
-    # a millimetre per second of rounding in each beam, twice; the model's declination is within 0.1 degree of the survey's
-    # cells that no beam reaches for the tilt are missing, at the far end only
-    reached = np.isfinite(profile.velocity).all(axis=1)
-    assert reached[:10].all()
-    np.testing.assert_allclose(profile.velocity[reached], truth[reached, :2], atol=0.006)
-    # the error stated for the bins, and bottom track's, which is one for all of them
-    np.testing.assert_allclose(profile.error_std, 0.09)
-    assert profile.common_std == 0.03
+def test_a_vessels_file_says_what_was_stored(tmp_path, survey):
+    pings = [m.payload for m in read(tmp_path, pd0(survey))[0] if m.topic == "/adcp"]
+    assert len(pings) == survey.n
+    turned = survey.system in ("ship", "earth")
+    stored = np.where(samples.velocity(survey) < -9999, None, 1e-3 * samples.velocity(survey))
+    same = {
+        **{"coordinate_system": survey.system, "reference": "platform"},
+        **{"orientation": "up" if survey.up else "down", "attitude_convention": "teledyne"},
+        **{"tilt_applied": turned, "bin_mapped": turned, "transducer_depth": 0.7},
+        **{"n_cells": 12, "cell_size": 1.0, "bin0_distance": 2.0},
+        "declination_applied": survey.stated_declination > 0.0,
+    }
+    for ping in (pings[0], pings[15]):
+        assert ping == ping | same
+        angles = ping["heading"], ping["pitch"], ping["roll"], ping["magnetic_declination"]
+        # that of the model, of the place and day
+        assert angles == pytest.approx((54.2, 6.0, -9.0, 15.8), abs=0.1)
+        beams = slow.janus_vectors(samples.ANGLE)
+        np.testing.assert_allclose(ping["beam_unit_vectors"], beams, atol=1e-12)
+        assert [*map(len, ping["velocity"])] == [4] * 12
+        assert ping["velocity"][3][2] is None
+        for cell, values in zip(ping["velocity"], stored.tolist(), strict=True):
+            assert cell == pytest.approx(values, abs=1e-9)
+        track = {"velocity": [1e-3 * of for of in samples.BOTTOM], "distance": [50.0] * 4}
+        assert {name: pytest.approx(of) for name, of in ping["bottom_track"].items()} == track
 
 
 def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
     messages, _ = read(tmp_path, pd0(Survey(bottom_track=False)))
     assert not any("platform_velocity" in m.payload for m in messages)
-    profiles = list(observations(messages))
-    assert {profile.reference for profile in profiles} == {"earth"}
-    for profile in profiles:
-        assert profile.platform_velocity == pytest.approx((1.5, 0.8), abs=3.0 * profile.common_std)
-        assert profile.common_std < 0.5
-    np.testing.assert_allclose(profiles[15].velocity[:10], np.tile([0.6, -0.3], (10, 1)), atol=0.02)
+    for profile in observations(messages):
+        assert (profile.reference, profile.common_std < 0.5) == ("earth", True)
+        moved = pytest.approx(samples.VESSEL, abs=3.0 * profile.common_std)
+        assert profile.platform_velocity == moved
+        np.testing.assert_allclose(profile.depth, 0.7 + 2.0 + np.arange(12), atol=1e-9)
+        np.testing.assert_allclose(profile.error_std, 0.09)
 
 
 def test_gps_sets_the_clock_right_over_midnight(tmp_path):

@@ -1,8 +1,9 @@
 """The dicts of protobuf payloads, whatever the fields are called, and how large their types may be."""
 
 import pytest
-from google.protobuf import descriptor_pb2, message_factory
+from google.protobuf import descriptor_pb2, message_factory, timestamp_pb2
 from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.records import Schema
@@ -35,19 +36,80 @@ def _kind(name, *fields, of="", repeated=False):
     return Kind(name=name, field=held)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
-@given(
-    names=st.lists(st.sampled_from(NAMES), unique=True, min_size=1),
-    value=st.integers(-(2**31), 2**31 - 1),
-    repeated=st.booleans(),
-)
-def test_any_field_name(names, value, repeated):
-    file, pool = _file(_kind("M", *names, repeated=repeated)), DescriptorPool()
+#: Of a kind: what is not set, and what may be.
+VALUES = {
+    Field.TYPE_DOUBLE: (0.0, st.floats(allow_nan=False)),
+    Field.TYPE_INT32: (0, st.integers(-(2**31), 2**31 - 1)),
+    Field.TYPE_STRING: ("", st.text(max_size=5)),
+    Field.TYPE_BYTES: (b"", st.binary(max_size=5)),
+    Field.TYPE_BOOL: (False, st.booleans()),
+}
+
+
+@st.composite
+def messages(draw):
+    """Draw a type with fields of any kind, of itself and of maps to itself, a message of it, and what it holds."""
+    times = descriptor_pb2.FileDescriptorProto()
+    timestamp_pb2.DESCRIPTOR.CopyToProto(times)
+    file, pool = _file(_kind("M"), dependency=[times.name]), DescriptorPool()
+    (kind,) = file.message_type
+    entry = kind.nested_type.add(name="NamedEntry", options={"map_entry": True})
+    # once, many, maybe
+    part, labels = (
+        Field.TYPE_MESSAGE,
+        [Field.LABEL_OPTIONAL, Field.LABEL_REPEATED, Field.LABEL_OPTIONAL],
+    )
+    for name in draw(st.lists(st.sampled_from(NAMES), unique=True, min_size=1)):
+        of, how = draw(st.sampled_from([*VALUES, part, part])), draw(st.integers(0, 2))
+        field = kind.field.add(name=name, number=len(kind.field) + 1, type=of, label=labels[how])
+        if of == part:
+            field.type_name = draw(st.sampled_from([".t.M", ".google.protobuf.Timestamp"]))
+        elif how == 2:
+            field.proto3_optional, field.oneof_index = True, len(kind.oneof_decl)
+            kind.oneof_decl.add(name=f"_{name}")
+    kind.field.add(name="named", number=99, label=labels[1], type=part, type_name=".t.M.NamedEntry")
+    entry.field.add(name="key", number=1, label=labels[0], type=Field.TYPE_STRING)
+    entry.field.add(name="value", number=2, label=labels[0], type=part, type_name=".t.M")
+    pool.Add(times)
     pool.Add(file)
-    held = {names[0]: [value] if repeated else value}
-    message = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.M"))(**held)
-    expected = dict.fromkeys(names, [] if repeated else 0) | held
-    assert _decoder(file)(message.SerializeToString()) == expected
+    make = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.M"))
+
+    def one(field, depth):
+        if field.type != part:
+            return [draw(VALUES[field.type][1])] * 2
+        if field.type_name == ".t.M":
+            return made(depth + 1)
+        seconds, nanos = draw(st.integers(0, 2**40)), draw(st.integers(0, 10**9))
+        return {"seconds": seconds, "nanos": nanos}, {"sec": seconds, "nsec": nanos}
+
+    def made(depth):
+        held, plain = {}, {"named": {}}
+        for field in kind.field[:-1]:
+            own, many = field.type == part, field.label == Field.LABEL_REPEATED
+            some = range(2 if draw(st.booleans()) and not (own and depth > 1) else 0)
+            values = [one(field, depth) for _ in some]
+            none = None if own or field.proto3_optional else VALUES[field.type][0]
+            plain[field.name] = [each[1] for each in values] if many else none
+            if values:
+                held[field.name] = [each[0] for each in values] if many else values[0][0]
+                plain[field.name] = plain[field.name] if many else values[0][1]
+        message = make(**held)
+        for key in "ab" if depth == 0 and draw(st.booleans()) else "":
+            other, plain["named"][key] = made(1)
+            message.named[key].CopyFrom(other)
+        return message, plain
+
+    return (times, file), *made(0)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(messages())
+def test_any_message_is_what_it_holds(drawn):
+    files, message, plain = drawn
+    decode = _decoder(*files)
+    assert decode(message.SerializeToString()) == plain
+    with pytest.raises(DecodeError):
+        decode(b"\xff")
 
 
 def test_the_files_of_a_set_come_in_any_order():

@@ -1,14 +1,15 @@
 """DataFlash logs: as pymavlink's reader gives them, with UTC where GPS has it, and damage counted and stepped over."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pymavlink import DFReader
 
-from replay_kit.core.arrays import replace
 from replay_kit.logs import open_log
-from replay_kit.logs.mavlink.dataflash import Format
 from tests.logs.log_samples import SHARED, read_log
 from tests.logs.mavlink.dataflash_samples import (
+    Format,
     dataflash,
     declaration,
     declarations,

@@ -3,12 +3,8 @@
 import math
 
 import pytest
-from foxglove import messages as foxglove_messages
-from google.protobuf import descriptor_pb2, message_factory
-from google.protobuf.descriptor_pool import DescriptorPool
 
 from replay_kit.config.run import LogConfig
-from replay_kit.logs.decode.decoders import decode_json
 from tests.logs.log_samples import one_channel_mcap
 from tests.logs.log_samples import read_log as read
 
@@ -21,8 +17,9 @@ from tests.logs.log_samples import read_log as read
         ('{"a": NaN, "b": "\\" inf NaN", "c": [inf]}', [math.nan, '" inf NaN', [math.inf]]),
     ],
 )
-def test_bare_numbers_of_json(text, expected):
-    assert repr(decode_json(text.encode())) == repr(dict(zip("abc", expected, strict=True)))
+def test_bare_numbers_of_json(tmp_path, text, expected):
+    ((message,), _) = read(tmp_path, one_channel_mcap("json", None, [text.encode()]))
+    assert repr(message.payload) == repr(dict(zip("abc", expected, strict=True)))
 
 
 @pytest.mark.parametrize(
@@ -34,62 +31,6 @@ def test_no_json_object(tmp_path, data):
     )
     assert [m.payload["ok"] for m in messages] == [1, 2]
     assert report.read == {"/x": 3}
-    assert report.undecodable["/x"][0] == 1
-
-
-def test_foxglove_protobuf(tmp_path):
-    values = {"latitude": 47.5, "longitude": -23.25, "altitude": -1.0}
-    values["position_covariance"] = [1.0] * 9
-    fix = foxglove_messages.LocationFix(
-        timestamp=foxglove_messages.Timestamp(1_700_000_000, 5),
-        position_covariance_type=foxglove_messages.LocationFixPositionCovarianceType.Known,
-        **values,
-    )
-    schema = foxglove_messages.LocationFix.get_schema()
-    given = schema.name, schema.encoding, schema.data
-    both = [fix.encode(), foxglove_messages.LocationFix().encode()]
-    messages, report = read(tmp_path, one_channel_mcap("protobuf", given, both))
-    assert (report.undecodable, messages[0].schema) == ({}, "foxglove.LocationFix")
-    full, unset = (m.payload for m in messages)
-    stamp = {"timestamp": {"sec": 1_700_000_000, "nsec": 5}, "position_covariance_type": 3}
-    assert full == full | values | stamp
-    assert unset == unset | {"latitude": 0.0, "frame_id": "", "timestamp": None}
-    assert list(unset) == list(full)
-
-
-def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
-    kind = descriptor_pb2.FieldDescriptorProto
-    file = descriptor_pb2.FileDescriptorProto(name="t.proto", package="t", syntax="proto3")
-    node = file.message_type.add(name="Node")
-    entry = node.nested_type.add(name="NamedEntry")
-    entry.options.map_entry = True
-    node.oneof_decl.add(name="_depth")
-    once, many = kind.LABEL_OPTIONAL, kind.LABEL_REPEATED
-    number, text, part = kind.TYPE_DOUBLE, kind.TYPE_STRING, kind.TYPE_MESSAGE
-    for into, name, place, label, of, inner in (
-        (entry, "key", 1, once, text, None),
-        (entry, "value", 2, once, part, ".t.Node"),
-        (node, "named", 1, many, part, ".t.Node.NamedEntry"),
-        (node, "children", 2, many, part, ".t.Node"),
-        (node, "value", 3, once, number, None),
-        (node, "depth", 4, once, number, None),
-    ):
-        into.field.add(name=name, number=place, label=label, type=of, type_name=inner)
-    node.field[-1].proto3_optional, node.field[-1].oneof_index = True, 0
-    pool = DescriptorPool()
-    pool.Add(file)
-    tree = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.Node"))()
-    tree.children.add(value=2.0).children.add(depth=0.0)
-    tree.named["a"].value = math.inf
-    data = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
-    both = [tree.SerializeToString(), b"\xff"]
-    messages, report = read(
-        tmp_path, one_channel_mcap("protobuf", ("t.Node", "protobuf", data), both)
-    )
-    leaf = {"named": {}, "children": [], "value": 0.0, "depth": None}
-    child = {**leaf, "value": 2.0, "children": [{**leaf, "depth": 0.0}]}
-    whole = {**leaf, "children": [child], "named": {"a": {**leaf, "value": math.inf}}}
-    assert [m.payload for m in messages] == [whole]
     assert report.undecodable["/x"][0] == 1
 
 

@@ -5,8 +5,8 @@ import pytest
 from mcap.writer import CompressionType, IndexType
 
 from replay_kit.config.run import LogConfig
+from replay_kit.logs import open_log
 from replay_kit.logs.mcap import index
-from replay_kit.logs.mcap.reader import McapReader
 from tests.fuzz.mishap import mishap
 from tests.logs.log_samples import json_mcap
 
@@ -15,7 +15,7 @@ TIMES = [1_000 + 10 * n for n in range(300)]
 
 def write(folder, data, **config):
     (folder / "log.mcap").write_bytes(data)
-    return McapReader(folder / "log.mcap", 2, LogConfig(**config))
+    return open_log(folder / "log.mcap", 2, LogConfig(**config))
 
 
 def assert_alike(reader):

@@ -6,12 +6,11 @@ import pytest
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
 from tests.measurements.foreign import pose
+from tests.measurements.messages.test_messages import sent
 from tests.measurements.samples import (
     CONFIG,
-    SECOND,
     events_of,
     in_order,
     logged,
@@ -26,19 +25,14 @@ ORIGIN = (152.0, -40.0)
 STATED = MeasurementConfig(origin=ORIGIN)
 
 
-def _mavlink(name, payload, time_s, component=1):
-    topic = f"mavlink/1/{component}/{name}"
-    return Message(int(time_s * SECOND), topic, name, payload, 0, int(time_s))
-
-
-def _local(time_s, component=1):
+def _local(time_s):
     payload = {"x": 0.3 * time_s, "y": 0.8 * time_s, "z": 5.0}
-    return _mavlink("LOCAL_POSITION_NED", payload, time_s, component)
+    return sent("LOCAL_POSITION_NED", payload, time_s)
 
 
 def _origin(longitude, latitude):
     stated = {"longitude": round(longitude * 1e7), "latitude": round(latitude * 1e7)}
-    return _mavlink("GPS_GLOBAL_ORIGIN", stated, 0)
+    return sent("GPS_GLOBAL_ORIGIN", stated)
 
 
 def _track(events):

@@ -9,7 +9,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import LinearMeasurement
 from tests.measurements.samples import counted, fix, logged, only, reasons, run
-from tests.measurements.section.test_thermal_wind import LATITUDE, expected
+from tests.measurements.section.test_thermal_wind import LATITUDE, expected, water
 
 CONFIG = MeasurementConfig()
 START_NS = 1_700_000_000 * 10**9
@@ -34,19 +34,18 @@ def mission(
     for dive in range(dives):
         unit = np.array([0.0, 1.0] if dive >= turn else [1.0, 0.0])
         fixed(4 * dive, place, 0.0, False)
-        heave = 3.0 * rng.standard_normal(2)
-        for share in np.linspace(0.004, 0.996, 250):
-            depth = 800.0 * (1.0 - abs(2.0 * share - 1.0))
-            at, hours = place + share * spacing * unit, 4 * dive + 3.8 * share
-            if round(share * 250) % 10 == 1:
-                fixed(hours, at, depth, True)
-            risen = depth + tilt * at[0] + heave[int(share > 0.5)] * np.sin(np.pi * depth / 800.0)
-            pressure = float(gsw.p_from_z(-depth, latitude))
-            absolute = gsw.SA_from_SP(35.0, pressure, -60.0, latitude)
-            temperature = gsw.t_from_CT(absolute, 4.0 + 14.0 * np.exp(-risen / 300.0), pressure)
-            ctd = {"depth": depth, "temperature": float(temperature), "salinity": 35.0}
-            ctd = change(ctd | {"pressure": pressure, "conductivity": None}, dive)
-            put(hours, logged("replay_kit.Ctd", ctd, topic="/ctd"))
+        share, (down, up) = np.linspace(0.004, 0.996, 250), 3.0 * rng.standard_normal(2)
+        depth = 800.0 * (1.0 - np.abs(2.0 * share - 1.0))
+        at = place + share[:, None] * spacing * unit
+        heave = np.where(share > 0.5, up, down) * np.sin(np.pi * depth / 800.0)
+        temperature, pressure = water(depth, depth + tilt * at[:, 0] + heave, -60.0, latitude)
+        columns = {"depth": depth, "temperature": temperature, "pressure": pressure}
+        for k, row in enumerate(np.transpose([*columns.values()]).tolist()):
+            hours = 4 * dive + 3.8 * share[k]
+            if round(share[k] * 250) % 10 == 1:
+                fixed(hours, at[k], row[0], True)
+            ctd = dict(zip(columns, row, strict=True)) | {"salinity": 35.0, "conductivity": None}
+            put(hours, logged("replay_kit.Ctd", change(ctd, dive), topic="/ctd"))
         place = place + spacing * unit
     fixed(4 * dives, place, 0.0, False)
     return messages

@@ -35,54 +35,40 @@ LATITUDE = 40.0
 LEVELS = np.arange(0.0, 815.0, 10.0)
 
 
+def water(depth, risen, longitude, latitude):
+    """Return temperatures in water of one salinity whose conservative temperature is that of other depths, and the pressures."""
+    pressure = gsw.p_from_z(-depth, latitude)
+    absolute = gsw.SA_from_SP(35.0, pressure, longitude, latitude)
+    return gsw.t_from_CT(absolute, 4.0 + 14.0 * np.exp(-risen / 300.0), pressure), pressure
+
+
 def line(
     n: int = 12,
     length: float = 60e3,
     tilt: float = 1e-3,
     noise: float = 0.0,
     latitude: float = LATITUDE,
-    north: float = 0.0,
-    seed: int = 1,
     slant: float = 0.0,
 ) -> list[Profile]:
-    """Return casts whose isopycnals rise by a share of the way towards the end of a line, towards east where ``north`` is 0."""
-    rng, depth = np.random.default_rng(seed), np.arange(0.0, 820.0, 5.0)
-    unit = np.array([np.cos(north), np.sin(north)])
-    made = []
+    """Return casts whose isopycnals rise by a share of the way to the east."""
+    rng, depth, made = np.random.default_rng(1), np.arange(0.0, 820.0, 5.0), []
     for k, along in enumerate(np.linspace(-0.5 * length, 0.5 * length, n)):
         way = along + slant * (depth - depth.mean())
-        longitude, latitudes = to_geographic(
-            Projection(-60.0, latitude), way * unit[0], way * unit[1]
-        )
+        place = to_geographic(Projection(-60.0, latitude), way, 0.0 * way)
         heave = tilt * way + noise * rng.standard_normal() * np.sin(np.pi * depth / 800.0)
-        temperature = 4.0 + 14.0 * np.exp(-(depth + heave) / 300.0)
-        salinity = np.full(depth.size, 35.0)
-        absolute = gsw.SA_from_SP(salinity, depth, longitude, latitudes)
-        pressure = gsw.p_from_z(-depth, latitudes)
-        made.append(
-            Profile(
-                np.full(depth.size, k * DAY_NS // 12, dtype=np.int64),
-                longitude,
-                latitudes,
-                depth,
-                gsw.t_from_CT(absolute, temperature, pressure),
-                salinity,
-            )
-        )
+        temperature, _ = water(depth, depth + heave, *place)
+        times = np.full(depth.size, k * DAY_NS // 12, dtype=np.int64)
+        made.append(Profile(times, *place, depth, temperature, np.full(depth.size, 35.0)))
     return made
 
 
 def expected(tilt: float) -> np.ndarray:
     """Return the shear of the made field on the levels, from its thermal wind by differences, minus its mean."""
-    density = [
-        1.0
-        / gsw.specvol(
-            gsw.SA_from_SP(35.0, gsw.p_from_z(-LEVELS, LATITUDE), -60.0, LATITUDE),
-            4.0 + 14.0 * np.exp(-(LEVELS + tilt * way) / 300.0),
-            gsw.p_from_z(-LEVELS, LATITUDE),
-        )
-        for way in (-100.0, 100.0)
-    ]
+    density = []
+    for way in (-100.0, 100.0):
+        temperature, pressure = water(LEVELS, LEVELS + tilt * way, -60.0, LATITUDE)
+        absolute = gsw.SA_from_SP(35.0, pressure, -60.0, LATITUDE)
+        density.append(gsw.rho_t_exact(absolute, temperature, pressure))
     # f dv/dz = -g / rho0 drho/dx, z upwards
     by_depth = GRAVITY / RHO0 * (density[1] - density[0]) / 200.0 / gsw.f(LATITUDE)
     layers = 0.5 * (by_depth[1:] + by_depth[:-1]) * np.diff(LEVELS)
