@@ -6,10 +6,8 @@ import pytest
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
-from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks.causes import TRACKS
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import expected_of
@@ -104,8 +102,6 @@ def test_two_gliders_in_one_replay_are_refused_unless_they_are_named(ocean, tmp_
         both = " and ".join(str(ocean / name) for name in names)
         assert str(error.value).startswith(f"{TRACKS}: {both}; ")
     assert not job.out.exists()
-    # alone each is a log like any other
-    assert replay(job_in(ocean, logs=names[1:]), CONFIG)[0].exit_code == 0
     ignored = RunConfig(estimator=QUICK, consistency={"on_failure": "ignore"})
     assert replay(job_in(ocean, logs=names), ignored)[0].observations["used"] > 0
 
@@ -117,15 +113,3 @@ def test_a_follower_sets_the_log_of_another_vehicle_aside(ocean, tmp_path):
     told = "second.mcap not used: it makes the replay fail: these logs hold two tracks"
     assert any(text.startswith(told) for text in sea.told)
     assert summary.exit_code == 0
-
-
-def test_a_log_without_currents_names_positions_before_topics_of_other_kinds(ocean, tmp_path):
-    fixes = (one for one in open_log(ocean / "glider.mcap") if one.topic == "/vehicle/fix")
-    begin, log = next(fixes), tmp_path / "log.mcap"
-    others = [
-        Message(begin.time_ns + k, f"/camera/{k % 12}", "my.Camera", {"shutter": k}, 0, k)
-        for k in range(240)
-    ]
-    write_mcap_log(log, [begin, *others])
-    words = refused(job_in(ocean, logs=(log,)))
-    assert words.index("/vehicle/fix (1)") < words.index("/camera/")
