@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from replay_kit.config.run import LogConfig, RunConfig
-from replay_kit.core.errors import LogError
+from replay_kit.core.errors import LogError, ReplayKitError
+from replay_kit.core.flow.dataset import write_grid
 from replay_kit.logs import reader
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs
@@ -152,4 +153,12 @@ def test_a_replay_tells_of_an_input_that_changes_and_keeps_the_earlier_output(
         replay(job_in(tmp_path, out), CONFIG, progress=changing)
     assert changing.done
     assert [path.name for path in tmp_path.glob("out*")] == ["out.mcap"]
+    assert out.read_bytes() == PRECIOUS
+
+
+def test_a_grid_that_does_not_fit_leaves_the_earlier_one(tmp_path):
+    flow, out = eddying_flow(12), tmp_path / "grid.nc"
+    out.write_bytes(PRECIOUS)
+    with full_disk(3000), pytest.raises(ReplayKitError, match=r"grid\.nc\.part.*disk full"):
+        write_grid(flow, out)
     assert out.read_bytes() == PRECIOUS
