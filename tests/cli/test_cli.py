@@ -26,15 +26,14 @@ from tests.command import run_command
 from tests.measurements.samples import fix
 from tests.places import ROOT
 
-COMMAND = [sys.executable, "-c", "from replay_kit.cli.app import main; main()"]
+MAIN = "from replay_kit.cli.app import main; main()"
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "160"}
 
 
-def process(folder, line, command=COMMAND):
+def process(folder, *command):
     """A command in a process of its own."""
-    words = [*command, *line.split()] if isinstance(line, str) else line
     return subprocess.run(
-        words, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False
+        command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False
     )
 
 
@@ -131,11 +130,8 @@ def test_links_and_part_files_of_inputs_are_inputs_too(tmp_path):
 @pytest.mark.parametrize(
     ("line", "code", "said"),
     [
-        ("twin --nope", 2, "Unknown option: --nope"),
         ("twin --truth t.nc -o x.mcap --pings 0", 2, "--pings"),
         ("info absent.mcap", 3, "file not found"),
-        ("", 2, ""),
-        ("experiment", 2, ""),
         ("--version", 0, ""),
     ],
 )
@@ -160,15 +156,14 @@ def test_an_error_of_the_system_and_an_interrupt_are_a_line(
 
 
 def test_json_replaces_whole_files_only_when_asked_and_goes_to_streams(ocean, tmp_path):
-    log, answer = ocean / "survey.mcap", tmp_path / "i.json"
+    info, answer = ["info", str(ocean / "survey.mcap"), "--json"], tmp_path / "i.json"
     answer.write_text("old")
-    assert run_command(tmp_path, f"info {log} --json i.json --overwrite").returncode == 0
+    assert run_command(tmp_path, [*info, "i.json", "--overwrite"]).returncode == 0
     assert [path.name for path in tmp_path.iterdir()] == ["i.json"]
-    streams = run_command(tmp_path, f"info {log} --json -").stdout
     streams = (
         answer.read_text(),
-        streams,
-        process(tmp_path, f"info {log} --json /dev/stderr").stderr,
+        run_command(tmp_path, [*info, "-"]).stdout,
+        process(tmp_path, sys.executable, "-c", MAIN, *info, "/dev/stderr").stderr,
     )
     assert [json.loads(text)["logs"][0]["profiles"] for text in streams] == [20] * 3
 
@@ -185,24 +180,21 @@ def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
         "signal.signal(signal.SIGINT, signal.default_int_handler)\nc.main()"
     )
     line = f"replay {ocean / 'survey.mcap'} --ensemble {ocean / 'ensemble.nc'} -o out.mcap"
-    done = process(tmp_path, line, [sys.executable, "-c", code])
+    done = process(tmp_path, sys.executable, "-c", code, *line.split())
     assert done.returncode == 130
     assert done.stderr == "replay-kit: interrupted; what was written so far is in out.mcap.part\n"
     assert [path.name for path in tmp_path.iterdir()] == ["out.mcap.part"]
 
 
 def test_a_reader_that_leaves_early_is_no_traceback(ocean):
-    line = f"{sys.executable} -c 'from replay_kit.cli.app import main; main()' info {ocean / 'survey.mcap'} | true; exit ${{PIPESTATUS[0]}}"
-    done = process(ROOT, ["bash", "-c", line])
+    line = f"{sys.executable} -c '{MAIN}' info {ocean}/survey.mcap | true; exit ${{PIPESTATUS[0]}}"
+    done = process(ROOT, "bash", "-c", line)
     assert (done.returncode, done.stderr) == (1, "")
 
 
 def test_the_box_of_a_track_across_the_antimeridian_is_narrow(tmp_path):
-    messages = [
-        fix(k, *place)
-        for k, place in enumerate([(179.5, -20.0), (-179.75, -20.5), (179.25, -19.5)])
-    ]
-    write_mcap_log(tmp_path / "log.mcap", messages)
+    places = (179.5, -20.0), (-179.75, -20.5), (179.25, -19.5)
+    write_mcap_log(tmp_path / "log.mcap", [fix(k, *place) for k, place in enumerate(places)])
     found = inspect_logs([tmp_path / "log.mcap"], RunConfig())[0].content
     assert (found.positions, found.depths) == (3, None)
     np.testing.assert_allclose(found.box, (179.25, -20.5, 180.25, -19.5), rtol=0, atol=1e-12)
