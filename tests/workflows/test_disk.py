@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -12,14 +13,17 @@ from replay_kit.core.flow.dataset import write_grid
 from replay_kit.logs import reader
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs
-from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow
 from tests.workflows.disk import full_disk
-from tests.workflows.replay.interrupted import QUICK, job_in
+from tests.workflows.replay.interrupted import job_in
 
-CONFIG = RunConfig(estimator=QUICK, output={"checkpoint_interval": 600.0, "interval": 7200.0})
+TOML = """
+output = { checkpoint_interval = 600.0, interval = 7200.0 }
+estimator = { modes = 6, sample_share = 0.5, shift_distance = 0.0 }
+"""
+CONFIG = RunConfig(**tomllib.loads(TOML))
 PRECIOUS = b"an earlier result"
 
 
@@ -27,7 +31,7 @@ PRECIOUS = b"an earlier result"
 def made(ocean, tmp_path_factory):
     """Settings, a result and an estimate."""
     folder = tmp_path_factory.mktemp("made")
-    (folder / "run.toml").write_text(run_settings_toml(CONFIG))
+    (folder / "run.toml").write_text(TOML)
     replay(job_in(ocean, folder / "whole.mcap"), CONFIG)
     eddying_flow(12).save(folder / "flow.nc")
     return folder

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
+from replay_kit.config.run import load_config
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import PathMean
@@ -14,7 +15,6 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.status.held import read_held
-from replay_kit.workflows.library.calls import settings_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.surfacings import FlightState
@@ -35,7 +35,7 @@ EVOLVING = {**STATIC_SETTINGS, "time": {"scale": 86_400.0}}
 
 def smoothed(folder, settings, log=SAMPLES / "glider.mcap"):
     job = ReplayJob((log,), SAMPLES / "ensemble.nc", folder / "smoothed.mcap")
-    summary = smooth(job, settings_of(settings))
+    summary = smooth(job, load_config(None, settings))
     return summary, rk.open_result(folder / "smoothed.mcap")
 
 
@@ -43,7 +43,7 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     summary, result = smoothed(tmp_path, EVOLVING)
     with pytest.raises(LogError, match="got a smoothed one; verify the replay"):
         verify(tmp_path / "smoothed.mcap", [SAMPLES], planner_of)
-    config = settings_of(EVOLVING)
+    config = load_config(None, EVOLVING)
     estimator = build(
         read_series(SAMPLES / "ensemble.nc", config.forecast),
         config.estimator,

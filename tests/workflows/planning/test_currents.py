@@ -21,7 +21,6 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.file import load
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.flow.process import Process, Unknowns
 from replay_kit.core.geodesy import distance
@@ -307,7 +306,7 @@ def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
     x[part] = np.random.default_rng(2).normal(size=part.stop - part.start)
     flow = estimator.flow(replace(state, x=x))
     flow.save(tmp_path / "flow.nc")
-    for estimate in (flow, load(tmp_path / "flow.nc")):
+    for estimate in (flow, rk.open_estimate(tmp_path / "flow.nc")):
         known = KnownCurrent((estimate,), 43200.0)
         through = known.flow(NOON, 86400.0)
         # eight times in the twelve hours of the tide

@@ -86,11 +86,11 @@ def test_the_estimate_is_that_of_one_filter_given_all_mean_currents_in_order_of_
     job = job_of(logs, tmp_path / "out.mcap")
     _, flow = replay(job, CONFIG)
     means = [
-        event
+        one
         for path in logs.values()
         for events in events_of(merge([open_log(path)], 5.0), CONFIG.measurements)
-        for event in events
-        if isinstance(event, PathMean)
+        for one in events
+        if isinstance(one, PathMean)
     ]
     ordered = sorted(means, key=lambda mean: mean.time_ns)
     assert means != ordered

@@ -19,9 +19,8 @@ from replay_kit.show.notebook import read_result
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import detail_lines
 from replay_kit.show.status.status import status_of
-from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.planner import PlanQuery
-from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify
 from tests import synthetic
@@ -154,8 +153,7 @@ def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one(events, seen):
 
 def test_dives_deeper_than_the_forecast_are_refused_where_there_are_dives(ocean, tmp_path):
     # a mission is asked for on the command line; a glide has no dives that could be too deep
-    config = RunConfig(estimator=QUICK, planner={"depth": 900.0})
-    (tmp_path / "run.toml").write_text(run_settings_toml(config))
+    (tmp_path / "run.toml").write_text("planner.depth = 900.0\nestimator.modes = 6\n")
     files = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc -o {tmp_path}/out.mcap"
     done = invoke(
         f"replay {files} --config {tmp_path}/run.toml --goal=152.42,-39.66,0 --planner mission"
@@ -164,8 +162,8 @@ def test_dives_deeper_than_the_forecast_are_refused_where_there_are_dives(ocean,
 
 
 def test_a_stated_number_of_legs_is_that_of_the_first_plan():
-    planner = MissionPlanner(PlannerConfig(kind="mission", depth=300.0, legs=4))
     flow = embed_member(synthetic.ensemble(), 0, EstimatorConfig())
+    planner = planner_of(PlannerConfig(kind="mission", depth=300.0, legs=4), flow.grid)
     start, goal = Place(152.2, -39.8, 0.0), Place(152.3, -39.75, 0.0)
     first = planner.plan(flow, PlanQuery(start, goal, 0))
     assert len(first.memory.headings_deg) == 4

@@ -16,9 +16,9 @@ from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.describe import open_extent
+from replay_kit.results import ResultWriter
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
-from replay_kit.results.mcap.writer import ResultWriter
-from replay_kit.results.result import ResultFile
+from replay_kit.show.notebook import Result
 from replay_kit.workflows.replay.inputs.checks import check_logs
 from replay_kit.workflows.replay.inputs.forecast import build
 from replay_kit.workflows.replay.inputs.job import forecasts_of
@@ -138,7 +138,7 @@ def test_a_log_of_several_windows_is_compared_with_all_that_it_passes(strip):
 
 def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(followed):
     out, summary, flow = followed
-    result, of = ResultFile(out), sea(STRIP)
+    result, of = Result(out), sea(STRIP)
     assert len(result.estimates) > 2
     # the half-open ends count a row or a column more or less
     assert max(one.grid.east.size for one in result.estimates) < 1.1 * STRIP.window
@@ -158,14 +158,14 @@ def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(followed
 
 
 def test_windows_of_an_estimate_that_was_rebuilt_do_not_count(followed, tmp_path):
-    flows = ResultFile(followed[0]).estimates
+    flows = Result(followed[0]).estimates
     writer = ResultWriter(tmp_path / "rebuilt.mcap")
     # those before the last are of an estimate that was rebuilt
     for number, flow in enumerate((*flows[:2], flows[1]), 1):
         writer.window(number, flow)
     writer.write_metadata(WINDOWS_RECORD, {"withdrawn": "2"})
     writer.finish(flows[-1])
-    found = ResultFile(tmp_path / "rebuilt.mcap").estimates
+    found = Result(tmp_path / "rebuilt.mcap").estimates
     assert len(found) == 2
     assert np.array_equal(found[0].latent, flows[1].latent)
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from replay_kit import open_estimate
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
-from replay_kit.core.flow.file import load
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.estimator import ReducedBasisEstimator, embed_member
@@ -67,7 +67,7 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_writes_every_file(tmp_path):
         assert "eastward_sea_water_velocity" in {
             one.attrs.get("standard_name") for one in grid.variables.values()
         }
-    loaded = load(job.save_estimate)
+    loaded = open_estimate(job.save_estimate)
     np.testing.assert_array_equal(loaded.latent, flow.latent)
     np.testing.assert_array_equal(loaded.unknowns.p, flow.unknowns.p)
 
