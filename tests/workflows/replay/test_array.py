@@ -82,7 +82,7 @@ def job_of(logs, out: Path, **more) -> ReplayJob:
 def test_the_estimate_is_that_of_one_filter_given_all_mean_currents_in_order_of_time(
     tmp_path, truth
 ):
-    logs = write_array(tmp_path, truth, 3, pings=80, dac_only=True, late_s=1500)
+    logs = write_array(tmp_path, truth, 3, pings=50, dac_only=True, late_s=1500)
     job = job_of(logs, tmp_path / "out.mcap")
     _, flow = replay(job, CONFIG)
     means = [
