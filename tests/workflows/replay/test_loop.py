@@ -12,15 +12,17 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import GroupTotals
 from replay_kit.core.plan import Place
+from replay_kit.core.words.progress import Stopwatch
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
 from replay_kit.workflows.replay.inputs.planner import PlanResult
 from replay_kit.workflows.replay.plans import PlanningProblem
-from replay_kit.workflows.replay.run import end
+from replay_kit.workflows.replay.run import Run, end, follow_up
 from replay_kit.workflows.replay.steps import Step, Sums
+from replay_kit.workflows.replay.vehicle import Setup
 from tests import synthetic
 from tests.planners.flow_samples import CENTRE, uniform_flow
-from tests.workflows.replay.given import fed, position, run_of
+from tests.workflows.replay.given import block_of, position
 
 FLOW = uniform_flow(0.3, -0.4)
 PROFILE = synthetic.profile(FLOW.grid, 0.0, 0.0, np.array([10.0]), np.zeros((1, 2)))
@@ -77,7 +79,11 @@ def planned(events, finds=False, concluded=False, **settings):
     """The times [s] and places of the plans of a run."""
     asked, config = Asked(finds), RunConfig(planner=PlannerConfig(**settings))
     problem = PlanningProblem(asked, Place(152.6, -40.0, 0.0), config.planner, 3.0)
-    run = fed(run_of(Untaught(), config, problem), events)
+    run = Run([Setup(Untaught(), config, problem)], config.measurements, Stopwatch())
+    run.follow_up = follow_up
+    run.give(0, block_of(events), 0, len(events))
+    run.last_ns = events[-1].time_ns
+    run.finish()
     if concluded:
         end(run, run.of[0])
     return asked.calls
