@@ -97,7 +97,8 @@ def _texts(value: object) -> list[str]:
     return [value] if isinstance(value, str) else []
 
 
-def test_tables_show_names_in_cells_headings_and_titles(capsys):
+def test_tables_show_names_in_cells_headings_and_titles(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
     table = Table(title=EVIL)
     table.add_column(EVIL)
     table.add_row(EVIL)

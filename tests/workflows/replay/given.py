@@ -50,10 +50,6 @@ def block_of(values, topics=None):
     return Block(events, position, ping, {}, each[LINEAR], topics, np.empty((0, 3), np.int64), ())
 
 
-
-
-
-
 def moved(path, out, seconds=0.0, degrees=0.0, without=()):
     """A log with other times or longitudes, or without some topics."""
 
