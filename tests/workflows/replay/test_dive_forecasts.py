@@ -9,6 +9,7 @@ import pytest
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Observation, PathMean, Profiles, Source
+from replay_kit.core.surfacing import ellipse_of
 from replay_kit.results.outcome.parts import expected_part
 from replay_kit.workflows.replay.steps import Step
 from replay_kit.workflows.replay.surfacings import (
@@ -268,3 +269,10 @@ def test_the_coming_surfacing_is_of_a_dive_like_the_last_in_the_estimates_curren
     np.testing.assert_allclose(end - start, SECONDS * WAY, atol=100.0)
     assert (coming.dive, coming.basis, coming.earlier) == (9, "estimate", 8)
     assert next_surfacing(ForecastState()) is None
+
+
+def test_an_ellipse_lies_along_the_largest_variance():
+    along = np.array([np.sin(np.deg2rad(30.0)), np.cos(np.deg2rad(30.0))])
+    cov = 100.0 * np.eye(2) + 9900.0 * np.outer(along, along)
+    ellipse = ellipse_of(5.0, 62.0, cov, 2.0)
+    assert (ellipse.major, ellipse.minor, ellipse.bearing_deg) == pytest.approx((200.0, 20.0, 30.0))

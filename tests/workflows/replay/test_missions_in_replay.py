@@ -11,8 +11,10 @@ import replay_kit as rk
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown
-from replay_kit.core.geodesy import distance
+from replay_kit.core.geodesy import distance, to_geographic
+from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Place
+from replay_kit.core.surfacing import Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
 from replay_kit.measurements.track.dives import SurfacingState, detect_surfacing
 from replay_kit.show.notebook import read_result
@@ -204,3 +206,11 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
 @pytest.mark.full
 def test_a_run_stopped_between_surfacings_is_that_of_a_run_that_was_not(ocean, tmp_path):
     goes_on(job_in(ocean, tmp_path / "out.mcap", GOAL), often(CONFIG), 80)
+
+
+def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
+    place = map(float, to_geographic(Projection(152.0, -40.0), -300.0, 400.0))
+    found = surfacing_outcome(0, Surfacing(100 * 10**9, 152.0, -40.0), position(90, *place))
+    assert found.distance == pytest.approx(500.0)
+    assert found.direction_deg == pytest.approx(360.0 - np.rad2deg(np.arctan2(3.0, 4.0)))
+    assert (found.late, found.inside) == (-10.0, None)
