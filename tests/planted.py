@@ -12,22 +12,17 @@ def _turned(degrees):
     return [c, s], [-s, c]
 
 
-def _ping(matrix=((1, 0), (0, 1)), errors=1.0, **more):
-    """Return a fault of a ping: a matrix on its velocities, a factor on their errors, other fields."""
+def _ping(matrix=((1, 0), (0, 1)), **more):
+    """Return a fault of a ping: a matrix on its velocities, other fields."""
 
     def changed(payload):
         velocity = [
             [None] * 3 if cell[0] is None else [*(np.array(matrix) @ cell[:2]).tolist(), None]
             for cell in payload["velocity"]
         ]
-        std = errors * payload["velocity_std"]
-        return {**payload, "velocity": velocity, "velocity_std": std, **more}
+        return {**payload, "velocity": velocity, **more}
 
     return changed
-
-
-def _scaled(factor, with_errors):
-    return _ping(factor * np.eye(2), factor if with_errors else 1.0)
 
 
 PINGS = {
@@ -38,12 +33,7 @@ PINGS = {
     "both signs are wrong": _ping([[-1, 0], [0, -1]]),
     "the declination was not applied": _ping(_turned(-DECLINATION)),
     "the declination was applied twice": _ping(_turned(DECLINATION)),
-    "speeds are in cm/s": _scaled(100.0, False),
-    "speeds are in cm/s, errors too": _scaled(100.0, True),
-    "speeds are in mm/s": _scaled(1000.0, False),
-    "speeds are in mm/s, errors too": _scaled(1000.0, True),
-    "speeds are 100 times too small": _scaled(0.01, False),
-    "speeds are 1000 times too small": _scaled(0.001, True),
+    "speeds are in cm/s": _ping([[100, 0], [0, 100]]),
     "the sign of depth is wrong: pressure": lambda p: {
         **p,
         "pressure": -p["pressure"],

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 import xarray as xr
 
@@ -24,7 +23,6 @@ SETTINGS = {
     "output": {"interval": 1e6},
 }
 TIME = "2018-11-16T06:00:00Z"
-ROW = {"time": [TIME], "lon": [152.2], "lat": [-39.9], "depth": [5.0], "u": [0.1], "v": [0.1]}
 DEPTHS = np.array([10.0, 60.0, 150.0, 250.0])
 
 
@@ -78,26 +76,6 @@ def test_measurements_and_a_dataset_give_what_their_files_give(tmp_path):
     assert (got.u, got.v) == pytest.approx((expected.u, expected.v), abs=1e-9)
 
 
-def test_a_table_without_errors_asks_for_them():
-    table = pd.DataFrame(ROW)
-    with pytest.raises(
-        ConfigError,
-        match="it lacks error; state the standard error of each component, it is not guessed",
-    ):
-        rk.replay(table, _dataset())
-    with pytest.raises(ConfigError, match="above 0, got 0; it is not guessed"):
-        rk.replay(table.assign(error=0.0), _dataset())
-    with pytest.raises(ConfigError, match="it is not guessed"):
-        rk.Observation.profile(TIME, 152.2, -39.9, [5.0], [0.1], [0.1], None)
-
-
-def test_units_in_brackets_count_in_memory_as_in_a_file():
-    table = pd.DataFrame({**ROW, "error": 0.1}).rename(columns={"u": "u [cm/s]", "v": "v (cm/s)"})
-    named = SETTINGS | {"logs": {"columns": {"u": "u [cm/s]"}}}
-    found = rk.replay(table, _dataset(), settings=named).innovations
-    assert found["measured_east"].item() == pytest.approx(0.001, rel=1e-3)
-
-
 def test_a_mean_current_is_a_straight_dive_between_its_fixes():
     mean = rk.Observation.mean(
         (TIME, 152.2, -39.9), ("2018-11-16T09:00:00Z", 152.3, -39.8), 300.0, 0.1, 0.05, 0.02
@@ -149,6 +127,7 @@ def test_a_single_component_informs_along_its_direction_alone():
         ({"lat": 95.0}, "expected longitude and latitude"),
         ({"u": [0.1]}, "expected depth, u, v and error of one length"),
         ({"error": [0.1, -1.0]}, "above 0"),
+        ({"error": None}, "it is not guessed"),
         ({"time": "yesterday"}, "is no time"),
         ({"time": 1_542_326_400}, "got what would be seconds"),
     ],

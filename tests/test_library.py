@@ -162,13 +162,13 @@ def test_texts_of_values_are_short(result):
     message, first = next(log.messages()), next(rk.observations(log.messages()))
     plan = rk.plan(result.estimate, START, GOAL)
     for value, words in (
-        (log, f"Log {LOG} (mcap, 0.57 MB)"),
-        (message, "Message 2018-11-16 00:00:00Z /vehicle/fix (foxglove.LocationFix): timestamp, "),
-        (first, "Observation 2018-11-16 00:00:00Z at 153.1360 E, 40.2916 S, dive 0: 22 bins, 22 u"),
-        (plan, "Plan for 2018-11-16 04:00:00Z: uncertain; 153.1200 E, 40.2800 S, 0 m to 153.0500 "),
+        (log, f"Log {LOG} (mcap, "),
+        (message, "Message 2018-11-16 00:00:00Z /vehicle/fix (foxglove.LocationFix): "),
+        (first, "Observation 2018-11-16 00:00:00Z at 153.1360 E, 40.2916 S, "),
+        (plan, "Plan for 2018-11-16 04:00:00Z: uncertain; 153.1200 E, "),
         (result, ""),
         (result.estimate, ""),
-        (result.estimate.grid, "Grid of 3 levels x 13 x 21 points (100 % wet): longitude 151.4.."),
+        (result.estimate.grid, "Grid of 3 levels x 13 x 21 points (100 % wet): "),
     ):
         assert repr(value).startswith(words)
         assert len(repr(value)) < 400

@@ -47,7 +47,7 @@ def set_up_lines() -> list[str]:
         subprocess.check_output([*command, f"{function}\nset_up {n}"], cwd=ROOT, text=True)
         for n in (1, 2, 3)
     ]
-    assert lines.pop() == "", "README has more set-up lines than .ci/run runs"
+    assert lines.pop() == "", "more set-up lines than .ci/run runs"
     for n in (1, 2):
         assert f"$(set_up {n})" in script.replace(function, ""), f".ci/run does not run line {n}"
     return lines
@@ -56,17 +56,13 @@ def set_up_lines() -> list[str]:
 def commands(code: str) -> list[list[str]]:
     """Return the words of each command of a shell block."""
     plain = re.fullmatch(r"[\w\s./,=:-]*", code.replace("\\\n", " "))
-    assert plain, (
-        "a shell block of a README holds commands of words that need no quotes, and nothing else of the shell"
-    )
+    assert plain, "a shell block holds commands of words that need no quotes"
     found = [line.split() for line in code.replace("\\\n", " ").splitlines() if line.strip()]
     own = all(
         words[0] == "replay-kit" or (words[0] == "python" and words[1].startswith("sample_logs/"))
         for words in found
     )
-    assert own, (
-        "a shell block of a README holds commands of replay-kit, and scripts beside the samples"
-    )
+    assert own, "a shell block holds commands of replay-kit, and scripts beside the samples"
     return found
 
 

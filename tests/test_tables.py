@@ -58,8 +58,9 @@ def expected() -> np.ndarray:
         _columns(),
         {name: ("row", column) for name, column in _columns().items()},
         {**{name: [*column] for name, column in _columns().items()}, "error": 0.05},
+        _rows().assign(u=100.0 * _rows()["u"]).rename(columns={"u": "u [cm/s]"}),
     ],
-    ids=["xarray", "index", "unnamed", "indices", "arrays", "dimensions", "lists"],
+    ids=["xarray", "index", "unnamed", "indices", "arrays", "dimensions", "lists", "brackets"],
 )
 def test_whatever_a_dataset_can_be_made_of_is_a_table(table, expected):
     found = rk.replay(table, _dataset(), settings=SETTINGS)
@@ -69,11 +70,12 @@ def test_whatever_a_dataset_can_be_made_of_is_a_table(table, expected):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        ({"error": None}, "it lacks error; state the standard error of each component, it is not"),
         (
             {"u": np.ones(3)},
             r"^measurements\['u'\]: expected 48 values, as others have, got \(3,\)",
         ),
-        ({"error": -1.0}, r"^measurements\['error'\]: .* above 0, got -1; it is not guessed"),
+        ({"error": 0.0}, r"^measurements\['error'\]: .* above 0, got 0; it is not guessed"),
         (
             {"time": np.datetime64("1950-01-01")},
             r"^measurements\['time'\]: .* outside 1970\.\.2262",
@@ -83,8 +85,9 @@ def test_whatever_a_dataset_can_be_made_of_is_a_table(table, expected):
     ],
 )
 def test_errors_of_a_table_name_its_column(change, words):
+    table = {name: one for name, one in (_columns() | change).items() if one is not None}
     with pytest.raises(ConfigError, match=words):
-        rk.replay(_columns() | change, _dataset(), settings=SETTINGS)
+        rk.replay(table, _dataset(), settings=SETTINGS)
 
 
 def test_a_mapping_names_columns_and_constants(expected):

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 from mcap.reader import make_reader
@@ -10,11 +11,11 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from planners import MissionSettings, waypoints_of
 from planners.clearance import Violation
-from replay_kit import __version__
+from replay_kit import __version__, open_estimate
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.file import load
 from replay_kit.results import difference
+from replay_kit.workflows.planning import run as plans
 from tests.command import invoke, succeed
 from tests.planners.flow_samples import uncertain_flow
 from tests.results.result_samples import decoded, metadata_of
@@ -71,9 +72,7 @@ def test_everything_it_writes_agrees(flow, tmp_path):
 
 
 def test_its_files_are_whole_when_a_reader_of_its_table_stops_early(flow, tmp_path, monkeypatch):
-    def closed(*_):
-        raise BrokenPipeError
-
+    closed = Mock(side_effect=BrokenPipeError)
     monkeypatch.setattr("replay_kit.workflows.planning.outputs.print_plans", closed)
     out, json_file = tmp_path / "plan.mcap", tmp_path / "plan.json"
     with pytest.raises(BrokenPipeError):
@@ -94,7 +93,7 @@ def test_a_plan_is_computed_with_as_many_threads_as_are_asked_for(
         used.update(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas")
         raise PlanError("counted")
 
-    monkeypatch.setattr("replay_kit.workflows.planning.run.plan_mission", counted)
+    monkeypatch.setattr(plans, "plan_mission", counted)
     with threadpool_limits(limits=3):
         invoke(f"plan {flow} {ASK} --samples 0 --config {config}")
     assert used == {threads}
@@ -157,7 +156,6 @@ def test_areas_are_kept_clear_of_and_a_risk_is_kept(flow, tmp_path):
 
 
 def test_a_list_that_is_withheld_names_the_tolerance_that_helps(flow, tmp_path, monkeypatch):
-    from replay_kit.workflows.planning import run as plans
 
     def crossing(flow, plan, request, tolerance, samples):
         few, odds = waypoints_of(flow, plan, request, tolerance, samples)
@@ -195,24 +193,24 @@ def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(fl
         ("--risk 0.1 --samples 0", 2, "--samples"),
         ("--arrive 1.1", 2, "--arrive"),
         ("--arrive-by 2001-09-09T00:00Z", 2, "a time after the start at 2001-09-09 01:46:40Z"),
-        ("--arrive-by 0h", 2, "expected a duration above 0"),
+        ("--arrive-by 0h", 2, "a duration above 0"),
         ("--time-limit 0", 2, "--time-limit"),
         ("--objective time=1,speed=2", 2, "--objective"),
         ("--angles 40,35", 2, "40 is above "),
-        ("--angles 15", 2, "--angles: expected MIN,MAX, got '15': MAX is missing"),
+        ("--angles 15", 2, "got '15': MAX is missing"),
         ("--mooring 500", 2, "RADIUS,HOURS"),
         ("--mooring 500,2 --line", 2, "--mooring: cannot be combined with --line"),
         ("--line --goal=152.5,-40,0", 2, "--goal: expected one with"),
-        ("--mooring 500,2 --waypoints a.csv", 2, "--mooring: cannot be combined with --waypoints"),
-        ("--waypoints a.txt", 2, "ends in one of .csv, .geojson, .json, .kml, .plan, .ma"),
+        ("--mooring 500,2 --waypoints a.csv", 2, "combined with --waypoints"),
+        ("--waypoints a.txt", 2, "ends in one of .csv, "),
         ("--surfacings-only", 2, "expected --mooring"),
-        ("--line --line-width inf", 2, "--line-width: expected a number above 0, got inf"),
+        ("--line --line-width inf", 2, "a number above 0, got inf"),
         ("--mooring 500,2 --objective energy", 2, "combined with --objective"),
         ("--objective time=1,closest=0", 3, "a weight of 0"),
         ("--depth 4000", 3, "deepest level"),
-        ("--max-depth 200", 3, "deeper than the vehicle's limit, 200 m"),
+        ("--max-depth 200", 3, "vehicle's limit, 200 m"),
         ("--goal=170,-40,0", 3, "outside the forecast"),
-        ("--no-go none.kml", 3, "none.kml: expected an input of"),
+        ("--no-go none.kml", 3, "none.kml: expected an"),
     ],
 )
 def test_what_it_refuses(flow, more, code, words):
@@ -292,7 +290,7 @@ def test_a_file_may_hold_what_is_asked_for(flow, tmp_path):
 
 def test_an_estimate_without_uncertainty_has_no_odds_and_says_so(flow, tmp_path):
     mean = tmp_path / "mean.nc"
-    load(flow).mean_flow().save(mean)
+    open_estimate(flow).mean_flow().save(mean)
     said, _ = answer(mean, ASK)
     assert said["samples"] is None
     assert "states no uncertainty" in said["message"]

@@ -11,17 +11,13 @@ from typing import get_args
 
 import pytest
 
-from replay_kit import open_estimate, open_result
+from replay_kit import open_ensemble, open_estimate, open_log, open_result
 from replay_kit.cli.options import Ending
-from replay_kit.config.file import read_toml
-from replay_kit.config.run import ForecastConfig
+from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, PlanError
-from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.logs import open_log
-from replay_kit.workflows.follow.watch import read_goal
+from replay_kit.forecast import read_truth
 from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
-from replay_kit.workflows.replay.checkpoint import read_state
 from tests.cli.test_cli_options import OPTIONS, refusal
 from tests.command import invoke, succeed
 from tests.places import SAMPLES
@@ -78,7 +74,9 @@ def test_a_pipe_is_refused_at_every_door(hostile, line):
     assert set(hostile.iterdir()) == before
 
 
-@pytest.mark.parametrize("line", DOORS[:40:10])
+@pytest.mark.parametrize(
+    "line", [*DOORS[:40:10], f"{_REPLAY} --checkpoint X", f"{_REPLAY} --follow --goal-file X"]
+)
 def test_each_kind_that_is_no_file_is_refused(hostile, line):
     for name, kind in KINDS.items():
         assert refusal(line.replace("X", name)) == f"{name}: cannot be read: {kind}"
@@ -121,13 +119,11 @@ def test_a_pipe_that_is_read_has_the_answer(hostile):
         (open_log, LogError),
         (open_result, LogError),
         (open_estimate, ForecastError),
-        (read_toml, ConfigError),
-        (lambda path: read_ensemble(path, ForecastConfig()), ForecastError),
+        (load_config, ConfigError),
+        (open_ensemble, ForecastError),
         (lambda path: read_truth(f"{path}", ForecastConfig()), ForecastError),
         (lambda path: read_bathymetry(path, None), ForecastError),
         (read_areas, PlanError),
-        (read_goal, ConfigError),
-        (lambda path: read_state(path, "a run"), LogError),
     ],
 )
 @pytest.mark.parametrize("name", ["pipe", "/dev/zero", "folder"])

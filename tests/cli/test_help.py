@@ -25,14 +25,10 @@ def test_every_option_is_there_and_no_line_is_wider_than_the_terminal(words):
 @pytest.mark.parametrize(
     ("arguments", "code", "begin"),
     [
-        ([], 2, "Usage: replay-kit COMMAND\n"),
-        (["-h"], 0, "Usage: replay-kit COMMAND\n"),
-        (["experiment"], 2, "Usage: replay-kit experiment COMMAND\n"),
-        (
-            "experiment paper -h",
-            0,
-            "Usage: replay-kit experiment paper --ensemble FILE (--truth FILE | --leave-out K) -o DIR [OPTIONS]\n",
-        ),
+        ("", 2, "Usage: replay-kit COMMAND\n"),
+        ("-h", 0, "Usage: replay-kit COMMAND\n"),
+        ("experiment", 2, "Usage: replay-kit experiment COMMAND\n"),
+        ("experiment paper -h", 0, "Usage: replay-kit experiment paper --ensemble FILE (--truth"),
         ("--help qc a.mcap", 0, "Usage: replay-kit qc LOG... [OPTIONS]\n"),
     ],
 )

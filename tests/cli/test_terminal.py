@@ -11,21 +11,21 @@ from rich.table import Table
 
 from replay_kit.cli.console import console_beside
 from replay_kit.core.message import Message
-from replay_kit.core.words.text import printable
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests.command import Outcome, invoke
 from tests.places import SAMPLES
 
-#: Clears the screen, begins a line that looks like one of ours, rings, turns the direction of writing, is a style of rich and a picture.
-EVIL = "x\x1b[2J\nreplay-kit: all is well\x07\u202e[red]:bug:"
-SHOWN = "x\\x1b[2J\\nreplay-kit: all is well\\x07\\u202e[red]:bug:"
+# Clears the screen, begins a line that looks like one of ours, rings, joins and breaks lines, turns the direction of writing, is a style of
+# rich and a picture; and letters of other scripts, which stay.
+EVIL = "x\x1b[2J\nreplay-kit: all is well\x07\r\t\x80\x9f\u200e\u2028\u202e\u2069[red]:bug: \u00b5\u200d\u2010\u65e5"
+SHOWN = "x\\x1b[2J\\nreplay-kit: all is well\\x07\\r\\t\\x80\\x9f\\u200e\\u2028\\u202e\\u2069[red]:bug: \u00b5\u200d\u2010\u65e5"
 
 
 def check(outcome: Outcome, code: int) -> str:
     """Return what a command printed, after the checks that no name was obeyed."""
     said = outcome.output
     assert outcome.exit_code == code, said
-    assert not re.search("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", said)
+    assert not re.search("[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u2028\u202e\u2069]", said)
     assert "\nreplay-kit: all is well" not in said
     assert "\\x1b[2J" in said
     return said
@@ -84,6 +84,8 @@ def test_what_commands_answer_as_json_holds_names_as_they_are(folder, monkeypatc
     monkeypatch.chdir(folder)
     outcome = invoke(["info", f"{EVIL}.mcap", "--json", "-"])
     assert "\x1b" not in outcome.stdout
+    # of a name that is no text
+    assert "missing\\udcff" in invoke(["info", "missing\udcff"]).stderr
     assert any(EVIL in text for text in _texts(json.loads(outcome.stdout)))
 
 
@@ -95,7 +97,8 @@ def _texts(value: object) -> list[str]:
     return [value] if isinstance(value, str) else []
 
 
-def test_tables_show_names_in_cells_headings_and_titles(capsys):
+def test_tables_show_names_in_cells_headings_and_titles(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
     table = Table(title=EVIL)
     table.add_column(EVIL)
     table.add_row(EVIL)
@@ -103,20 +106,3 @@ def test_tables_show_names_in_cells_headings_and_titles(capsys):
     said = capsys.readouterr().out
     assert said.count(SHOWN) == 4
     assert "\x1b" not in said
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("plain \u00b5 m/s \u2192 \u65e5", "plain \u00b5 m/s \u2192 \u65e5"),
-        ("\x00\x1f ~\x7f\x80\x9f\xa0", "\\x00\\x1f ~\\x7f\\x80\\x9f\xa0"),
-        ("\r\n\t", "\\r\\n\\t"),
-        (
-            "\u200d\u200e\u200f\u2010\u2027\u2028\u202e\u202f\u2065\u2066\u2069\u206a",
-            "\u200d\\u200e\\u200f\u2010\u2027\\u2028\\u202e\u202f\u2065\\u2066\\u2069\u206a",
-        ),
-        ("\udcff", "\\udcff"),
-    ],
-)
-def test_what_is_spelt_out(text, shown):
-    assert printable(text) == shown

@@ -11,17 +11,16 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
-from replay_kit.config.run import LogConfig, MeasurementConfig
+import replay_kit as rk
+from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
-from replay_kit.core.observation import Observation
-from replay_kit.logs import merge, open_log
+from replay_kit.logs import open_log
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.convert import convert
 from tests.command import invoke
 from tests.fuzz.damage import sound_messages
 from tests.logs.log_samples import SHARED, json_mcap, tlog
 from tests.logs.mavlink.telemetry_samples import write_tlog
-from tests.measurements.samples import events_of
 from tests.places import needs
 from tests.studies.twins.truths import make_truth
 
@@ -68,8 +67,8 @@ def test_logs_are_merged_in_order_and_read_by_the_stock_reader(logs):
 def test_a_converted_log_gives_the_same_observations(logs, which):
     pairs = []
     for path in (logs[which], converted(logs[which])[1]):
-        events = events_of(merge([open_log(path)], 1.0), MeasurementConfig())
-        pairs.append([one for some in events for one in some if isinstance(one, Observation)])
+        with rk.open_log(path) as log:
+            pairs.append([one for one in rk.observations(log) if isinstance(one, rk.Observation)])
     assert pairs[0]
     for one, other in zip(*pairs, strict=True):
         place, moved = ((each.time_ns, each.longitude, each.latitude) for each in (one, other))
@@ -90,12 +89,11 @@ def test_the_command_ends_with_4_where_bytes_were_lost_and_with_0_where_none_wer
 
 
 def test_bad_inputs_are_refused_before_anything_is_written(tmp_path, logs):
-    for paths, error, words in (
-        ([*logs, tmp_path / "missing.mcap"], LogError, "file not found"),
-        ([], ConfigError, "at least one log"),
-    ):
-        with pytest.raises(error, match=words):
-            convert(paths, tmp_path / "out.mcap", False, LogConfig())
+    out = tmp_path / "out.mcap"
+    with pytest.raises(LogError, match="file not found"):
+        convert([*logs, tmp_path / "missing.mcap"], out, False, LogConfig())
+    with pytest.raises(ConfigError, match="at least one log"):
+        convert([], out, False, LogConfig())
     assert not list(tmp_path.iterdir())
 
 
@@ -190,16 +188,17 @@ def test_the_frames_of_telemetry_are_kept_and_no_trouble_to_a_reader(tmp_path):
     assert stamped == tlog(5)
 
 
-@pytest.mark.parametrize("part", [0.3, 0.6, 0.97])
+@pytest.mark.parametrize("part", [0.3, 0.97])
 def test_a_damaged_log_becomes_a_sound_one(tmp_path, part):
-    whole = json_mcap(range(200), CompressionType.ZSTD)
+    # one of them comes late
+    whole = json_mcap([*range(100, 150), 1, *range(150, 299)], CompressionType.ZSTD)
     (tmp_path / "cut.mcap").write_bytes(whole[: int(part * len(whole))])
     summary, out = converted(tmp_path / "cut.mcap")
     assert summary.losses
     reader = open_log(out)
     kept = range(sum(summary.messages.values()))
-    assert [message.payload["n"] for message in reader.messages()] == list(kept)
-    assert reader.report().losses == ()
+    assert sorted(message.payload["n"] for message in reader.messages()) == list(kept)
+    assert (reader.report().losses, len(kept) > 50) == ((), True)
 
 
 def test_a_damaged_attachment_is_left_out_and_said(tmp_path):
@@ -216,12 +215,6 @@ def test_a_damaged_attachment_is_left_out_and_said(tmp_path):
     assert loss.what.startswith("an attachment or metadata record is damaged and excluded")
     _, attached, noted, _ = content(made.read_bytes())
     assert [name for name, *_ in (*attached, *noted)] == ["kept", "note"]
-
-
-def test_late_messages_are_copied_too(tmp_path):
-    (tmp_path / "in.mcap").write_bytes(json_mcap([k * 10**9 for k in (1, 50, 60, 2, 70)]))
-    read = open_log(converted(tmp_path / "in.mcap")[1]).messages()
-    assert sorted(message.payload["n"] for message in read) == list(range(5))
 
 
 def test_what_does_not_read_back_gets_no_name(tmp_path, monkeypatch):

@@ -9,10 +9,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests.workflows.replay.interrupted import QUICK
 
-SETTINGS = {
-    "estimator": QUICK,
-    "measurements": {"flight_bias": False},
-}
+SETTINGS = {"estimator": QUICK, "measurements": {"flight_bias": False}}
 
 
 def test_fed_message_by_message_and_asked_in_between_it_ends_with_the_estimate_of_a_replay(ocean):

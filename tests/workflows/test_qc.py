@@ -4,13 +4,12 @@ import json
 
 import pytest
 
-from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Reason
+from replay_kit.results import read_recorded
 from replay_kit.workflows.info.qc import check_quality
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
 from tests.command import succeed
@@ -111,25 +110,27 @@ def test_sound_logs_lose_nothing(logs):
         assert topic["pings_lost"] == 0
 
 
-def test_settings_are_checked_and_come_back_from_a_result(tmp_path):
-    def quality(**settings):
-        return load_config(None, {"measurements": {"quality": settings}})
-
-    with pytest.raises(ConfigError, match="snr_suspect 6 is beyond snr_fail 9"):
-        quality(snr_fail=9.0)
-    with pytest.raises(ConfigError, match=r"known here: .*snr_fail"):
-        quality(nonsense=9.0)
-    config = quality(snr_fail=1.5, outlier_fail="off")
-    (tmp_path / "run.toml").write_text(run_settings_toml(config))
-    assert load_config(tmp_path / "run.toml") == config
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"snr_fail": 9.0}, "snr_suspect 6 is beyond snr_fail 9"),
+        ({"nonsense": 9.0}, r"known here: .*snr_fail"),
+    ],
+)
+def test_settings_are_checked(settings, words):
+    with pytest.raises(ConfigError, match=words):
+        load_config(None, {"measurements": {"quality": settings}})
 
 
 def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_path):
     synthetic.dataset(seed=4, n_members=8, shape=(5, 5)).to_netcdf(
         tmp_path / "ensemble.nc", engine="h5netcdf"
     )
-    alone = RunConfig(time=TimeConfig(window=0.0))
+    quality = {"snr_fail": 1.5, "outlier_fail": "off"}
+    alone = load_config(None, {"time": {"window": 0.0}, "measurements": {"quality": quality}})
     summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), alone)
+    (tmp_path / "run.toml").write_text(read_recorded(tmp_path / "out.mcap").config_toml)
+    assert load_config(tmp_path / "run.toml").measurements == alone.measurements
     counts = summary.observations
     assert [counts[name] for name in ("used", "rejected", "bins_used")] == [2, 1, 7]
     assert counts["bins_rejected"]["tilt"] == 5

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
+from replay_kit.config.run import load_config
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import LogError
-from replay_kit.core.observation import PathMean
 from replay_kit.estimator import build
 from replay_kit.estimator import smooth as smooth_states
 from replay_kit.forecast import read_series
@@ -14,14 +14,11 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.status.held import read_held
-from replay_kit.workflows.library.calls import settings_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.surfacings import FlightState
 from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from replay_kit.workflows.verify import verify
 from tests.places import SAMPLES
-from tests.workflows.replay.given import block_of
 from tests.workflows.replay.interrupted import QUICK
 
 STATIC_SETTINGS = {
@@ -30,12 +27,16 @@ STATIC_SETTINGS = {
     "estimator": QUICK,
     "output": {"depths": [5.0, 150.0], "interval": 7200.0},
 }
-EVOLVING = {**STATIC_SETTINGS, "time": {"scale": 86_400.0}}
+EVOLVING = {
+    **STATIC_SETTINGS,
+    "time": {"scale": 86_400.0},
+    "measurements": {"flight_bias": False},
+}
 
 
 def smoothed(folder, settings, log=SAMPLES / "glider.mcap"):
     job = ReplayJob((log,), SAMPLES / "ensemble.nc", folder / "smoothed.mcap")
-    summary = smooth(job, settings_of(settings))
+    summary = smooth(job, load_config(None, settings))
     return summary, rk.open_result(folder / "smoothed.mcap")
 
 
@@ -43,7 +44,7 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     summary, result = smoothed(tmp_path, EVOLVING)
     with pytest.raises(LogError, match="got a smoothed one; verify the replay"):
         verify(tmp_path / "smoothed.mcap", [SAMPLES], planner_of)
-    config = settings_of(EVOLVING)
+    config = load_config(None, EVOLVING)
     estimator = build(
         read_series(SAMPLES / "ensemble.nc", config.forecast),
         config.estimator,
@@ -52,13 +53,7 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     )
     log = open_log(SAMPLES / "glider.mcap", config=config.logs)
     end = config.logs.end_ns
-    measured, flight = [], FlightState()
-    for stated in rk.observations(message for message in log.messages() if message.time_ns <= end):
-        if isinstance(stated, PathMean):
-            flight, stated = flight.with_mean(stated, True)
-        else:
-            flight = flight.with_profiles(block_of([stated]), np.zeros(1, np.intp))
-        measured.append(stated)
+    measured = [*rk.observations(one for one in log.messages() if one.time_ns <= end)]
     slices = Contents(result).slices
     states = smooth_states(estimator, measured, slices.time_ns.tolist())
     flows = [estimator.flow(state) for state in states]

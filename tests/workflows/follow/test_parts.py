@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from replay_kit.config.run import LogConfig, RunConfig
-from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.logs.mcap.writer import write_mcap_log
@@ -35,6 +35,7 @@ from replay_kit.workflows.follow.watch import (
     write_memory,
 )
 from tests.command import invoke
+from tests.places import SAMPLES
 
 DAY_NS = 86_400 * 10**9
 NOW_NS = 1_700_000_000 * 10**9
@@ -48,26 +49,22 @@ def source(name: str, first_ns: int = NOW_NS - DAY_NS, **values: object) -> Sour
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"mission": "sg171 mission 1"}, ""),
         ({}, ""),
+        ({"mission": "sg171 mission 1"}, ""),
         ({"mission": "sg999 mission 2"}, "is of sg999 mission 2, not of sg171 mission 1"),
-        ({"sha256": "sha of a.nc"}, "identical to a.nc"),
         ({"first_ns": NOW_NS + 2 * DAY_NS}, "far from the present: its clock was wrong"),
         ({"first_ns": NOW_NS - 500 * DAY_NS}, "far from the others"),
         ({"first_ns": NOW_NS - 300 * DAY_NS}, ""),
-        ({"first_ns": None}, "has no message yet"),
     ],
 )
-def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_or_given_twice_is_set_aside(
-    changes, words
-):
+def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_is_set_aside(changes, words):
     own, found = source("a.nc", mission="sg171 mission 1"), source("b.nc", **changes)
     aside = judged({own.path: own}, found, NOW_NS).aside
     assert (words in aside, bool(aside)) == (True, bool(words))
     # a file that is not used itself judges no other
-    own = replace(own, aside="is not a readable log")
     if "mission" in changes:
-        assert judged({own.path: own}, found, NOW_NS).aside == ""
+        unused = {own.path: replace(own, aside="is not a readable log")}
+        assert judged(unused, found, NOW_NS).aside == ""
 
 
 def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(tmp_path):
@@ -91,17 +88,11 @@ def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(
 def test_what_happened_to_a_file_is_told_in_words():
     before = Source(Path("a.mcap"), STAMP, "sha", "", NOW_NS)
     touched = replace(before, stamp=(1, 2, 100, 5))
-    grown = replace(before, stamp=(1, 2, 150, 5), sha256="other")
+    assert change_words(before, touched) == ""
+    grown = replace(touched, stamp=(1, 2, 150, 5), sha256="other")
+    assert change_words(before, grown) == "changed, from 100 to 150 bytes"
     aside = replace(before, aside="is not a readable log")
-    for one, now, words in (
-        (before, touched, ""),
-        (before, grown, "changed, from 100 to 150 bytes"),
-        (None, before, "new"),
-        (aside, before, "new"),
-        (None, aside, "not used: it is not a readable log"),
-        (aside, aside, ""),
-    ):
-        assert change_words(one, now) == words
+    assert change_words(aside, aside) == ""
 
 
 def test_a_file_that_grew_since_it_was_looked_at_is_known_by_the_bytes_it_had(tmp_path):
@@ -129,35 +120,24 @@ def test_the_goal_s_file_is_read_and_a_goal_holds_from_its_time_on(tmp_path):
     path.write_text("# where\n\n 152.5 , -40 , 300\n1,2,3\n")
     goal = read_goal(path)
     assert goal == Place(152.5, -40.0, 300.0)
-    for text in ("", "1,2", "a,b,c", "1,2,3,4", "0,91,0", "0,0,-5"):
+    for text in ("", "1,2,3,4", "0,91,0"):
         path.write_text(text)
         with pytest.raises(ConfigError, match="LON,LAT,DEPTH"):
             read_goal(path)
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_goal(tmp_path / "none")
-    first = with_goal((), goal, 99)
-    assert first == ((0, goal),)
-    other = Place(1.0, 2.0, 3.0)
-    assert with_goal(first, goal, 99) == first
-    assert with_goal(first, other, 99) == (*first, (99, other))
+    first, others = ((0, goal),), [Place(k, 2.0, 3.0) for k in (1.0, 4.0)]
+    assert with_goal((), goal, 99) == with_goal(first, goal, 99) == first
     # moved twice before anything new came
-    last = Place(4.0, 5.0, 6.0)
-    assert with_goal((*first, (99, other)), last, 99) == (*first, (99, last))
+    moved = with_goal(first, others[0], 99)
+    assert moved == (*first, (99, others[0]))
+    assert with_goal(moved, others[1], 99) == (*first, (99, others[1]))
 
 
-def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_path):
+def test_what_is_remembered_is_read_back(tmp_path):
     sources, goals = {Path("a"): source("a", mission="m")}, ((0, Place(1.0, 2.0, 3.0)),)
     memory = Memory(sources, goals, ("said",), ("plan: unsafe",), "f sha256:0", "null")
+    assert read_memory(tmp_path) == Memory()
     write_memory(tmp_path, memory)
     assert read_memory(tmp_path) == memory
-    file = tmp_path / "mission"
-    data = file.read_bytes()
-    for damaged in (data[:-20], b"[]", data.replace(b'"a"', b'"b"')):
-        file.write_bytes(damaged)
-        with pytest.raises(LogError, match=f"{file}: .*memory of a followed mission"):
-            read_memory(tmp_path)
-    file.unlink()
-    assert read_memory(tmp_path) == Memory()
 
 
 def test_an_alarm_is_given_once_for_what_it_is_about_and_again_when_it_comes_back():
@@ -192,11 +172,12 @@ REPLAY = "replay {} --ensemble sample_logs/ensemble.nc -o {}"
         ("--follow --checkpoint c", "--checkpoint: cannot be combined"),
         ("--follow --interval 0", "--interval"),
         ("--follow --goal=152.8,-40.1,300 --goal-file goal.txt", "cannot be combined with --goal"),
+        (f"--follow --against {SAMPLES}/truth.nc", "--against: cannot be combined"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options, words, tmp_path):
     done = invoke(f"{REPLAY.format(tmp_path, tmp_path.parent / 'out.mcap')} {options}")
-    assert (done.exit_code, words in done.stderr) == (2, True)
+    assert (done.exit_code, words in done.stderr) == (2, True), done.output
 
 
 def test_a_folder_in_which_no_log_comes_ends_with_exit_code_3_and_what_was_there(tmp_path):

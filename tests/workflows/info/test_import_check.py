@@ -3,29 +3,25 @@
 A sample of a larger study (replay_kit/DECISIONS.md): the sample ocean, 30 pings of a vessel's survey, 100 of a glider's mission.
 """
 
-import io
 import json
 import math
 
 import pytest
 
 from replay_kit.config.run import load_config
-from replay_kit.core.errors import Finding, MeasurementError
+from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks.slips import Sounding, declination_of
-from replay_kit.show.text import SafeConsole
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.replay.inputs.checks import (
     ImportCheck,
     check_import,
     check_inputs,
     check_logs,
-    import_check_json,
-    print_import_check,
 )
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from tests.benchmarks.fault_kinds import FAULTS
@@ -132,28 +128,8 @@ def test_what_a_ping_says_of_the_declination():
     frames = list(mavlink_frames())
     stated = [ping(magnetic_declination=11.5), frames[0]]
     assert list(map(declination_of, stated)) == [11.5, 0.0]
-    others = [
-        Message(0, "/x", schema, payload, 0, 0)
-        for schema, payload in (
-            ("vendor.Thing", {}),
-            ("ds_sensor_msgs/Adcp", {}),
-            ("DEBUG_FLOAT_ARRAY", {"name": "ADCP_CFG"}),
-        )
-    ]
-    assert all(map(math.isnan, map(declination_of, [ping(), *others, *frames[1:]])))
-
-
-def test_a_check_is_told_in_json_and_in_words():
-    found = ImportCheck(3, (Finding("a", 0, "b", "c", "d", "warning"),), ("e", "g"), "f")
-    answer = import_check_json(found)
-    (finding,) = answer.pop("consistency")
-    assert (finding["name"], finding["since"], finding["likely_cause"]) == ("a", None, "c")
-    assert answer == {"profiles": 3, "undetermined": ["e", "g"], "note": "f", "refusal": None}
-    said = io.StringIO()
-    for one in (found, ImportCheck(3, ())):
-        print_import_check(one, SafeConsole(file=said, width=200))
-    for words in ("do not determine whether e, or g", "check: f\n", "3 profiles look sound"):
-        assert words in said.getvalue()
+    other = Message(0, "/x", "DEBUG_FLOAT_ARRAY", {"name": "ADCP_CFG"}, 0, 0)
+    assert all(map(math.isnan, map(declination_of, [ping(), other, *frames[1:]])))
 
 
 def test_an_ensemble_in_another_unit_is_named_and_the_log_is_not_blamed(tmp_path, surveys):
@@ -192,7 +168,9 @@ def test_a_mission_in_two_files_is_checked_as_one(tmp_path, surveys):
     (tmp_path / "run.toml").write_text(SETTINGS)
     files = f"{tmp_path}/nav.mcap {tmp_path}/adcp.mcap --config {tmp_path}/run.toml"
     done = invoke(f"info {files} --ensemble {ENSEMBLE} --json {tmp_path}/info.json")
-    warning = "WARNING: log and ensemble contradict each other: likely cause: the sign of east"
-    assert done.stdout.count(warning) == 1
-    answer = json.loads((tmp_path / "info.json").read_text())
-    assert (answer["import_check"]["profiles"], len(answer["logs"])) == (30, 2)
+    (cause, name) = NAMES["the sign of east is wrong"], "log and ensemble contradict each other"
+    assert done.stdout.count(f"WARNING: {name}: likely cause: {cause}") == 1
+    check = json.loads((tmp_path / "info.json").read_text())["import_check"]
+    (finding,) = check.pop("consistency")
+    assert [finding[key] for key in ("name", "since", "likely_cause")] == [name, None, cause]
+    assert check == {"profiles": 30, "undetermined": [], "note": "", "refusal": None}

@@ -35,12 +35,14 @@ def rows_of(*messages):
 
 @pytest.fixture
 def vendor(tmp_path):
-    """A log of a fix, a ping, and topics of unknown types, one of them with positions."""
+    """A log of a fix, a ping, and topics of unknown types, one of them with positions; a mean current's places are none."""
     nav = [{"pos": {"lat": -40.0, "lon": 152.0 + k}, "depth": 5.0 * k} for k in range(3)]
+    dac = {"start_fix": {"lat": 1.0, "lon": 2.0}}
     rows = [
         *rows_of(fix(0), ping(1)),
         *((k, "/vendor/nav", "vendor.Nav", payload) for k, payload in enumerate(nav)),
         (9, "/vendor/text", "vendor.Text", {"words": "none"}),
+        (9, "/dac", "replay_kit.DepthAveragedCurrent", dac),
         (9, "mavlink/1/1/VFR_HUD", "mavlink.1.1.VFR_HUD", {"header": {}, "message": {"alt": 3.0}}),
     ]
     path = tmp_path / "vendor.mcap"
@@ -51,6 +53,7 @@ def vendor(tmp_path):
 def test_a_suggested_mapping_makes_the_topic_usable(vendor, tmp_path):
     before = inspect_logs([vendor], load_config(None))[0]
     assert set(before.unknown) == {"/vendor/nav", "/vendor/text"}
+    assert before.not_used["/dac"] == {"depth-averaged current: not a number": 1}
     said = succeed(f"info {vendor} --suggest -")
     assert 'topic = "/vendor/nav"' in said.stdout
     assert "/adcp" not in said.stdout
@@ -72,15 +75,6 @@ def test_every_note_of_the_reader_and_what_is_damaged_or_unchecked_is_printed(ve
     print_infos([found], SafeConsole(file=text, width=200))
     for words in ("the clock was set twice", "decoded: 7 x /raw: no schema", "Without a checksum"):
         assert words in text.getvalue()
-
-
-def test_a_depth_averaged_current_is_no_position(tmp_path):
-    payload = {"start_fix": {"lat": 1.0, "lon": 2.0}}
-    row = 0, "/dac", "replay_kit.DepthAveragedCurrent", payload
-    (tmp_path / "dac.mcap").write_bytes(json_mcap([row]))
-    found = inspect_logs([tmp_path / "dac.mcap"], load_config(None))[0]
-    assert found.unknown == {}
-    assert found.not_used == {"/dac": {"depth-averaged current: not a number": 1}}
 
 
 def test_logs_given_together_are_judged_together(tmp_path, monkeypatch):
@@ -127,23 +121,21 @@ def test_a_large_log_is_described_by_its_index_and_what_that_does_not_know_said_
     assert {key for key in TOO_MANY if answer[key] is None} == TOO_MANY
 
 
-def test_full_counts_everything_and_decodes_what_can_be_used(large):
-    done = invoke(f"info {large} --full --json -")
-    (answer,) = json.loads(done.stdout)["logs"]
+def test_what_is_read_whole_is_counted_and_decoded(large):
+    full = invoke(f"info {large} --full --json -")
+    (answer,) = json.loads(full.stdout)["logs"]
     assert answer["read"] == {"whole": True, "messages": 802}
     assert (answer["profiles"], answer["positions"]) == (2, 400)
     # one of them was decoded
     assert [reason["count"] for reason in answer["not_used"]["/vendor/text"]] == [400]
-
-
-def test_a_log_that_was_cut_is_read_whole_and_that_is_said(large):
+    # a log that was cut needs an explanation, one that was asked for none
     large.write_bytes(large.read_bytes()[:-40])
     done = invoke(f"info {large}")
-    assert done.exit_code == 4
-    for words in ("Note: all of it was read", "400 positions"):
-        assert words in done.stdout
-    # asked for, it needs no explanation
-    assert "all of it was read" not in invoke(f"info {large} --full").stdout
+    assert (done.exit_code, "400 positions" in done.stdout) == (4, True)
+    assert ("all of it was read" in done.stdout, "all of it was read" in full.stderr) == (
+        True,
+        False,
+    )
 
 
 def cells(path):
@@ -231,7 +223,6 @@ def two_missions(folder):
     ("write", "words"),
     [
         (made.bodc, ["Use: ready for replay", "replay 'X' --ensemble FORECAST.nc -o RESULT.mcap"]),
-        (made.spray, ["Use: ready for replay", "-o RESULT.mcap"]),
         (
             lambda path: made.seaexplorer(path) and path,
             ["SeaExplorer raw: 2 files are one log", "info 'X' ANOTHER_LOG\nANOTHER_LOG is a log"],

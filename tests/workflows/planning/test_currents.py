@@ -15,16 +15,12 @@ from planners import (
 from planners.odds.mission import currents_of_estimate
 from planners.plan import first_legs, fly_mission
 from planners.simulation.currents import (
-    LocalSample,
-    currents_of_samples,
-    is_noticed,
     local_notes,
 )
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.file import load
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.flow.process import Process, Unknowns
 from replay_kit.core.geodesy import distance
@@ -130,12 +126,6 @@ def test_a_current_changes_for_as_long_as_a_mission_against_it_takes(tmp_path):
     np.testing.assert_allclose(hours, 19.0 * 3600.0, rtol=0.01)
 
 
-def test_flows_have_each_time_of_a_forecast_where_it_bends():
-    known = KnownCurrent((evolving((0.0, 20.0, 80.0)),), 43200.0)
-    times = [(one.time_ns - NOON) / HOUR for one in known.flow(NOON + HOUR, 1e5)]
-    assert times == [0, 10, 20, 32, 44]
-
-
 def test_a_plan_ends_at_its_horizon_and_says_what_is_left(saved):
     whole, cut = (answer(saved, f"--samples 5 {more}") for more in ("", "--horizon 4h"))
     assert cut["status"] == "partial"
@@ -168,14 +158,11 @@ def test_a_departure_table_has_the_best_of_single_plans_in_it(saved):
     said = answer(saved, f"--samples 0 {span}")
     rows = said["departures"]
     assert [row["departure"].replace(" ", "T") for row in rows] == [clock(k) for k in (0, 6, 12)]
-    single = [
-        answer(saved, f"--samples 0 --start-time {clock(k)}")["duration_s"] for k in (0, 6, 12)
-    ]
+    single = [answer(saved, f"--samples 0 --start-time {clock(k)}")["duration_s"] for k in (0, 12)]
     # leaving at once, the current sets towards the goal, later against it
-    assert single == sorted(single)
+    assert single[0] < rows[1]["duration_s"] < 1.002 * single[1]
     # a plan that starts from its neighbour may be better than one by itself
-    for row, alone in zip(rows, single, strict=True):
-        assert row["duration_s"] <= 1.002 * alone
+    assert rows[2]["duration_s"] <= 1.002 * single[1]
     assert said["duration_s"] == pytest.approx(single[0], rel=1e-3)
     assert ["planned" in row["best"] for row in rows] == [True, False, False]
     limited = answer(saved, f"--samples 0 {span} --time-limit 1e-9")
@@ -319,7 +306,7 @@ def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
     x[part] = np.random.default_rng(2).normal(size=part.stop - part.start)
     flow = estimator.flow(replace(state, x=x))
     flow.save(tmp_path / "flow.nc")
-    for estimate in (flow, load(tmp_path / "flow.nc")):
+    for estimate in (flow, rk.open_estimate(tmp_path / "flow.nc")):
         known = KnownCurrent((estimate,), 43200.0)
         through = known.flow(NOON, 86400.0)
         # eight times in the twelve hours of the tide
@@ -379,41 +366,51 @@ def known_with(local, make=constant_with):
     return KnownCurrent((make(local),), 6 * 3600.0)
 
 
-def water(currents, time_ns, count=1):
+def water(currents, time_ns, count):
     """The current of each flow at a place and a time."""
     weights = currents.weights(np.array([20.0]))[0]
     return currents.velocity(np.zeros((count, 2)), weights, currents.clock(time_ns))
 
 
-def test_an_expected_current_is_planned_with_and_forgotten():
-    known = known_with(beside([0.0, 0.1], 0.1))
+@pytest.mark.parametrize(
+    ("local", "told"),
+    [
+        (beside([0.0, 0.1]), ["10 cm/s towards 0 degrees"]),
+        (beside([0.011, 0.0], 0.0), ["1 cm/s towards 90 degrees"]),
+        (beside([0.009, 0.0], 0.0), []),
+        (None, []),
+    ],
+)
+def test_an_expected_current_is_planned_with_and_forgotten(local, told):
+    known = known_with(local)
     flows = known.flow(BEGIN, SECONDS)
+    notes = local_notes(known.local, NOON)
+    assert [words for words, note in zip(told, notes, strict=True) if words not in note] == []
+    if not told:
+        # it is planned on as it is
+        assert flows is known.first
+        return
     assert known.changes
     assert len(flows) > 1
     for flow in flows:
         more = flow.velocity(0.0, 0.0, 20.0) - known.first.velocity(0.0, 0.0, 20.0)
-        np.testing.assert_allclose(more, known.local.velocity(flow.time_ns), atol=2e-3)
-    (note,) = local_notes(known.local, NOON)
-    assert "10 cm/s towards 0 degrees" in note
-    assert is_noticed(beside([0.011, 0.0], 0.0))
+        np.testing.assert_allclose(more, local.velocity(flow.time_ns), atol=2e-3)
 
 
-@pytest.mark.parametrize("local", [None, beside([0.009, 0.0], 0.0)])
-def test_without_an_expected_current_the_estimate_is_planned_on_as_it_is(local):
-    known = known_with(local)
-    assert known.flow(BEGIN, SECONDS) is known.first
-    assert local_notes(known.local, NOON) == ()
-
-
-@pytest.mark.parametrize("make", [constant_with, lambda local: replace(CHANGING, local=local)])
-@pytest.mark.parametrize("mean", [[0.0, 0.0], [0.05, -0.08]])
+@pytest.mark.parametrize(
+    ("make", "mean"),
+    [
+        (constant_with, [0.05, -0.08]),
+        (lambda local: replace(CHANGING, local=local), [0.0, 0.0]),
+    ],
+)
 def test_samples_have_the_mean_and_the_spread_of_estimate_and_current_beside_it(make, mean):
     local, count = beside(mean, 0.1, 1e-3), 400
     currents, without = (
         currents_of_estimate(known.flow(BEGIN, SECONDS), known.samples(BEGIN, SECONDS, count, 3))
         for known in (known_with(local, make), known_with(None, make))
     )
-    for time_ns in (BEGIN, BEGIN + 7 * HOUR, BEGIN + 18 * HOUR):
+    for time_ns in (BEGIN, BEGIN + 18 * HOUR):
         difference = water(currents, time_ns, count) - water(without, time_ns, count)
         error = local.standard_error(time_ns)
         most = 4.0 * error / np.sqrt(count) + 2e-3
@@ -421,15 +418,3 @@ def test_samples_have_the_mean_and_the_spread_of_estimate_and_current_beside_it(
         np.testing.assert_allclose(difference.std(axis=0), error, rtol=0.2)
     shifted = water(currents.since(BEGIN).since(0), 0, count)
     np.testing.assert_allclose(shifted, water(currents, BEGIN, count), rtol=1e-9)
-
-
-def test_courses_that_do_not_go_together_are_refused():
-    flow, times = replace(uniform_flow(0.1, 0.0), time_ns=NOON), np.array([NOON, BEGIN])
-    course = LocalSample(flow, times, np.zeros((2, 2)))
-    for courses, words in (
-        ([course, flow], "draw all of them together"),
-        ([course, replace(course, times_ns=times + HOUR)], "draw all of them together"),
-        ([replace(course, flow=replace(flow, time_ns=None))], "needs the time"),
-    ):
-        with pytest.raises(PlanError, match=words):
-            currents_of_samples(courses)

@@ -2,14 +2,10 @@
 
 import numpy as np
 
-from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import Observation, Profiles, Source, VehicleState
 from replay_kit.core.observation.table import LINEAR, PING, POSITION, Block
-from replay_kit.core.words.progress import Stopwatch
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.workflows.replay.run import Run, follow_up
-from replay_kit.workflows.replay.vehicle import Setup
 
 
 def position(seconds, longitude=152.0, latitude=-40.0, depth=0.0, reckoned=False):
@@ -52,25 +48,6 @@ def block_of(values, topics=None):
         ping = {**made.columns, "topic": names[made["topic"]], "bins": bins}
     events = np.column_stack([np.arange(len(values)), kinds, rows])
     return Block(events, position, ping, {}, each[LINEAR], topics, np.empty((0, 3), np.int64), ())
-
-
-def run_of(estimator, config=None, problem=None):
-    """The run of one vehicle."""
-    config = config or RunConfig()
-    run = Run([Setup(estimator, config, problem)], config.measurements, Stopwatch())
-    run.follow_up = follow_up
-    return run
-
-
-def fed(run, values, last=True):
-    """The run after values, and at their end if they are the last."""
-    run.give(0, block_of(values), 0, len(values))
-    run.last_ns = values[-1].time_ns
-    if last:
-        run.finish()
-    else:
-        run.take([])
-    return run
 
 
 def moved(path, out, seconds=0.0, degrees=0.0, without=()):

@@ -2,22 +2,19 @@
 
 import json
 import shutil
-from dataclasses import replace
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import replay_kit as rk
-from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.observation import PathMean
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.workflows.planning import request as inputs
-from replay_kit.workflows.planning.request import completed
 from replay_kit.workflows.replay.inputs.forecast import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.replay import replay
@@ -27,17 +24,24 @@ from tests.faulty import Faults
 from tests.measurements.samples import events_of
 from tests.places import SAMPLES
 from tests.workflows.replay.given import moved
-from tests.workflows.replay.interrupted import QUICK, goes_on, often
+from tests.workflows.replay.interrupted import goes_on, often
 
 ENSEMBLE = SAMPLES / "ensemble.nc"
-SETTINGS = {
-    "forecast": {"levels": [5, 150, 500]},
-    "estimator": QUICK,
-    "measurements": {"flight_bias": False},
-    "planner": {"samples": 3},
-}
+TOML = """
+forecast.levels = [5, 150, 500]
+measurements.flight_bias = false
+planner.samples = 3
+[estimator]
+modes = 6
+sample_share = 0.5
+shift_distance = 0.0
+"""
+SETTINGS = tomllib.loads(TOML)
 CONFIG = RunConfig(**SETTINGS)
 POSITIONS = ("/vehicle/fix", "/vehicle/position", "/dac")
+GOAL = "152.4,-40.1,100"
+# what is of the command or of a run of it alone
+OF_A_RUN = {"format_version": 0, "seconds": 0}
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +55,23 @@ def logs(tmp_path_factory, truth):
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory, logs):
-    out = tmp_path_factory.mktemp("array") / "array.mcap"
-    goal = {"sg2": (152.4, -40.1, 100.0), "sg3": (152.4, -40.1, 100.0)}
-    return rk.replay(logs, ENSEMBLE, out=out, settings=SETTINGS, goal=goal)
+def line(logs, tmp_path_factory):
+    """A replay of the three, and the file of its result."""
+    folder = tmp_path_factory.mktemp("array")
+    (folder / "run.toml").write_text(TOML)
+    words = " ".join(f"--as {name}={path}" for name, path in logs.items())
+    files = f"--ensemble {ENSEMBLE} --config {folder}/run.toml -o {folder}/array.mcap"
+    return f"replay {words} {files}", folder / "array.mcap"
+
+
+@pytest.fixture(scope="module")
+def answer(line):
+    return json.loads(succeed(f"{line[0]} --goal sg2={GOAL} --goal sg3={GOAL} --json -").stdout)
+
+
+@pytest.fixture
+def result(line, answer):
+    return rk.open_result(line[1])
 
 
 def job_of(logs, out: Path, **more) -> ReplayJob:
@@ -65,15 +82,15 @@ def job_of(logs, out: Path, **more) -> ReplayJob:
 def test_the_estimate_is_that_of_one_filter_given_all_mean_currents_in_order_of_time(
     tmp_path, truth
 ):
-    logs = write_array(tmp_path, truth, 3, pings=80, dac_only=True, late_s=1500)
+    logs = write_array(tmp_path, truth, 3, pings=50, dac_only=True, late_s=1500)
     job = job_of(logs, tmp_path / "out.mcap")
     _, flow = replay(job, CONFIG)
     means = [
-        event
+        one
         for path in logs.values()
         for events in events_of(merge([open_log(path)], 5.0), CONFIG.measurements)
-        for event in events
-        if isinstance(event, PathMean)
+        for one in events
+        if isinstance(one, PathMean)
     ]
     ordered = sorted(means, key=lambda mean: mean.time_ns)
     assert means != ordered
@@ -91,22 +108,30 @@ def test_the_estimate_is_that_of_one_filter_given_all_mean_currents_in_order_of_
             np.testing.assert_allclose(*pair, atol=1e-10)
 
 
-def test_a_result_opened_again_has_the_outcome_of_the_run_and_of_each_vehicle(result, logs):
-    opened = rk.open_result(result.path)
-    assert opened.outcome == result.outcome
-    alone = rk.replay(logs["sg1"], ENSEMBLE, settings=SETTINGS)
-    part = opened.vehicles["sg1"]
-    assert list(opened.vehicles) == list(logs)
+def test_a_result_opened_again_has_the_outcome_of_the_run_and_of_each_vehicle(answer, result, logs):
+    vehicles, alone = result.vehicles, rk.replay(logs["sg1"], ENSEMBLE, settings=SETTINGS)
+    assert list(vehicles) == list(answer["vehicles"]) == list(logs)
+    for said, opened in (
+        (answer, result),
+        *((answer["vehicles"][name], vehicles[name]) for name in logs),
+    ):
+        kept = json.loads(json.dumps(opened.outcome.to_json()))
+        assert {**said, **OF_A_RUN} == {**kept, **OF_A_RUN}
     # what is one vehicle's is as if it were alone, and the estimate is of all
+    part = vehicles["sg1"]
     assert part.fixes.equals(alone.fixes)
     assert part.outcome.messages == alone.outcome.messages
     assert len(part.observations) == len(alone.observations)
+    assert len(result.observations) == 3 * len(part.observations)
+    assert set(result.fixes["vehicle"]) == set(logs)
+    used = [one.outcome.observations["used"] for one in vehicles.values()]
+    assert result.outcome.observations["used"] == sum(used)
+    # each last plan begins where and when its own vehicle was last
     assert part.outcome.plan is None
-    assert opened.vehicles["sg2"].outcome.plan["goal"] == [152.4, -40.1, 100.0]
-    assert len(opened.observations) == 3 * len(part.observations)
-    assert set(opened.fixes["vehicle"]) == set(logs)
-    used = [one.outcome.observations["used"] for one in opened.vehicles.values()]
-    assert opened.outcome.observations["used"] == sum(used)
+    last = [vehicles[name] for name in ("sg2", "sg3")]
+    assert [one.outcome.plan["goal"] for one in last] == [[152.4, -40.1, 100.0]] * 2
+    assert len({one.fixes.index[-1] for one in last}) == 2
+    assert [one.plans.index[-1] for one in last] == [one.fixes.index[-1] for one in last]
 
 
 def test_a_vehicle_whose_sources_contradict_each_other_is_left_out(tmp_path, truth):
@@ -169,47 +194,34 @@ def test_a_vehicle_without_a_fix_is_named(logs, tmp_path):
     assert found.outcome.exit_code == 4
 
 
-def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
-    done = succeed(f"plan {result.path} --samples 0 --json -")
-    vehicles = json.loads(done.stdout)["vehicles"]
+def planned(result, more):
+    return json.loads(succeed(f"plan {result.path} --samples 0 --json - {more}").stdout)
+
+
+def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result, tmp_path):
+    vehicles = planned(result, f"-o {tmp_path}/plan.mcap")["vehicles"]
     assert list(vehicles) == ["sg2", "sg3"]
-    asked, _ = completed(PlanRequest(flows=(result.path,)))
     for name, made in vehicles.items():
-        fix, start = result.vehicles[name].fixes.iloc[-1], asked.glider_places[name]
-        assert (start.longitude, start.latitude) == (fix["longitude"], fix["latitude"])
+        fix = result.vehicles[name].fixes.iloc[-1]
+        plan = rk.open_result(tmp_path / f"plan-{name}.mcap").plans.iloc[-1]
+        for axis in ("longitude", "latitude"):
+            assert plan[f"start_{axis}"] == fix[axis]
         assert f"it begins at {fix.name:%Y-%m-%d %H:%M:%S}Z" in made["notes"][0]
         assert "; as flown: " in made["message"]
         assert "dives: speed" in str(made["notes"])
+    # a goal says which is planned
+    assert "; as flown: " in planned(result, f"--goal sg1={GOAL}")["message"]
 
 
-def test_a_last_plan_begins_where_and_when_its_own_vehicle_was_last(result):
-    last = [result.vehicles[name] for name in ("sg2", "sg3")]
-    assert len({one.fixes.index[-1] for one in last}) == 2
-    assert [one.plans.index[-1] for one in last] == [one.fixes.index[-1] for one in last]
-
-
-def test_goals_say_which_of_several_are_planned(result):
-    flows, goal = (result.path,), "152.4,-40.1,100"
-    asked = [
-        completed(PlanRequest(flows=flows, goal=(f"sg1={goal}", *more)))[0]
-        for more in ((), (goal,))
-    ]
-    assert (asked[0].of_glider, asked[0].goal) == ("sg1", (goal,))
-    assert [*asked[1].glider_places] == ["sg1", "sg2", "sg3"]
-    for more, words in (
-        (f"--goal=sg9={goal}", "--goal: expected NAME= of sg1, sg2, sg3, got sg9"),
-        (f"--start={goal}", f"--start: expected --glider NAME={goal} with one of sg1, sg2, sg3"),
+def test_names_that_no_vehicle_has_are_refused(line, result):
+    plan = f"plan {result.path}"
+    for refused, words in (
+        (f"{plan} --goal=sg9={GOAL}", "--goal: expected NAME= of sg1, sg2, sg3, got sg9"),
+        (f"{plan} --start={GOAL}", f"--start: expected --glider NAME={GOAL} with one of sg1, sg2"),
+        (f"{line[0]} --overwrite --goal sg9={GOAL}", "expected the name of a vehicle"),
     ):
-        refused = invoke(f"plan {result.path} {more}")
-        assert (refused.exit_code, str(refused.exception)) == (2, words)
-
-
-def test_a_result_of_several_with_one_goal_is_planned_as_flown(result, monkeypatch):
-    file = inputs.read_flow(result.path)
-    without = {name: file.offers[name]._replace(goal=None, flown=None) for name in ("sg1", "sg3")}
-    monkeypatch.setattr(inputs, "read_flow", lambda _: replace(file, offers=file.offers | without))
-    made = json.loads(succeed(f"plan {result.path} --samples 0 --json -").stdout)
-    assert "; as flown: " in made["message"]
+        done = invoke(refused)
+        assert (done.exit_code, words in str(done.exception)) == (2, True), done.output
 
 
 def test_a_status_shows_a_table_then_each_vehicle_and_its_page_links_them(result, tmp_path):
@@ -239,16 +251,6 @@ def test_commands_show_each_vehicle(result, tmp_path):
     names = [one["properties"]["name"] for one in json.loads(areas.read_text())["features"]]
     tracks = [name for name in names if "track" in name]
     assert tracks == ["sg1 track", "sg2 track", "sg3 track"]
-
-
-def test_the_command_line_names_vehicles_and_their_goals(logs, tmp_path):
-    words = " ".join(f"--as {name}={path}" for name, path in logs.items())
-    settings = f"--ensemble {ENSEMBLE} --levels 5,150,500 --modes 6 -o {tmp_path / 'o.mcap'}"
-    done = succeed(f"replay {words} {settings} --goal sg3=152.4,-40.1,100 --json -")
-    vehicles = json.loads(done.stdout)["vehicles"]
-    assert [one["plan"] is not None for one in vehicles.values()] == [False, False, True]
-    refused = invoke(f"replay {words} {settings} --overwrite --goal sg9=152.4,-40.1,100")
-    assert "expected the name of a vehicle" in refused.output
 
 
 @pytest.mark.full

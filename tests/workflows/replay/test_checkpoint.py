@@ -81,13 +81,13 @@ def test_the_caller_s_environment_changes_nothing(ocean, tmp_path, whole):
     assert (tmp_path / "out.mcap").read_bytes() == whole
 
 
-@pytest.mark.parametrize("what", ["settings", "flip", "result flip", "result gone"])
+@pytest.mark.parametrize("what", ["settings", "flip", "result gone"])
 def test_a_state_of_another_run_or_damaged_is_told_and_the_run_begins_anew(
     ocean, stopped, tmp_path, whole, what
 ):
     folder, said, config = shutil.copytree(stopped, tmp_path / "run"), [], CONFIG
     out, checkpoint = folder / "out.mcap", folder / "run.ck"
-    file = folder / "out.mcap.part" if what.startswith("result") else checkpoint
+    file = folder / "out.mcap.part"
     if what == "settings":
         other = RunConfig(consistency={"on_failure": "ignore"}).consistency
         config = CONFIG.model_copy(update={"consistency": other})

@@ -13,7 +13,6 @@ from replay_kit.core.surfacing import ellipse_of
 from replay_kit.results.outcome.parts import expected_part
 from replay_kit.workflows.replay.steps import Step
 from replay_kit.workflows.replay.surfacings import (
-    _CELL,
     ForecastState,
     Gathered,
     dive_mean,
@@ -54,12 +53,9 @@ def after(*means):
 def test_profiles_are_averaged_by_depth_along_the_dive():
     sums = np.zeros((30, 3))
     sums[0], sums[20] = [2.0, 0.2, -0.4], [1.0, 0.3, 0.0]
-    depths = 10.0 * _CELL * np.array([0.05, 2.05])
-    expected = [
-        np.interp([0.0, 200.0], depths, values).mean() for values in ([0.1, 0.3], [-0.2, 0.0])
-    ]
+    # the cells' middles are at 5 and 205 m, and the dive is at 0 and 200 m
     found = Gathered(mean(0).dive, sums).along(mean(0))
-    np.testing.assert_allclose(found, expected)
+    np.testing.assert_allclose(found, np.mean([[0.1, -0.2], [0.295, -0.005]], axis=0))
     assert Gathered(mean(0).dive, np.zeros((3, 3))).along(mean(0)) is None
 
 
@@ -98,17 +94,6 @@ def test_a_dive_that_is_told_to_go_deeper_than_the_last_lasts_longer_and_leads_f
     assert farther == pytest.approx(1.5 * way, rel=1e-3)
 
 
-def test_the_current_of_a_dive_does_not_move_its_own_ellipse():
-    before = after(mean(0), mean(1))
-    plain, other = (
-        forecast_mean(before, mean(2, velocity)).outcomes[-1] for velocity in (CURRENT, (-0.3, 0.4))
-    )
-    assert plain.forecast.outer.major == pytest.approx(other.forecast.outer.major)
-    assert plain.forecast.longitude == pytest.approx(other.forecast.longitude, abs=1e-6)
-    assert other.distance > plain.distance
-    assert not other.in_outer
-
-
 def check_flown(flown, dives, depth):
     down = 2.0 * depth / SECONDS
     assert (flown.dives, flown.duration) == (dives, SECONDS)
@@ -127,13 +112,6 @@ def test_how_the_vehicle_flew_comes_of_the_ways_through_the_water_and_not_of_the
     corrected = [replace(one, corrected=(0.5, 0.5)) for one in dives]
     assert after(*corrected).as_flown == flown
     assert after(mean(0)).as_flown is None
-
-
-def test_an_ellipse_lies_along_the_largest_variance():
-    along = np.array([np.sin(np.deg2rad(30.0)), np.cos(np.deg2rad(30.0))])
-    cov = 100.0 * np.eye(2) + 9900.0 * np.outer(along, along)
-    ellipse = ellipse_of(5.0, 62.0, cov, 2.0)
-    assert (ellipse.major, ellipse.minor, ellipse.bearing_deg) == pytest.approx((200.0, 20.0, 30.0))
 
 
 def currents(n, std=0.08):
@@ -203,6 +181,21 @@ def test_an_estimate_of_the_current_makes_the_ellipses_small():
     assert all(one.in_outer for one in known)
 
 
+def test_neither_the_current_nor_the_end_of_a_dive_moves_its_own_ellipse():
+    flows, before = currents(5), after(mean(0), mean(1))
+    plain = mission(flows)
+    other = [*plain[:-1], replace(plain[-1], longitude=plain[-1].longitude + 0.05)]
+    by_means = (forecast_mean(before, mean(2, one)) for one in (CURRENT, (-0.3, 0.4)))
+    by_fixes = (followed(events, estimate(flows))[0] for events in (plain, other))
+    for states in (by_means, by_fixes):
+        one, two = (state.outcomes[-1] for state in states)
+        # nothing but the local scale about the place, which is the same
+        assert two.forecast.outer.major == pytest.approx(one.forecast.outer.major)
+        assert two.forecast.longitude == pytest.approx(one.forecast.longitude, abs=1e-6)
+        assert two.distance > one.distance + 1000.0
+        assert not two.in_outer
+
+
 def test_what_is_taken_from_a_displacement_is_the_mean_along_the_path():
     (current,) = currents(1)
     mean = followed(mission([current]), estimate([current]))[0].last.mean
@@ -212,25 +205,13 @@ def test_what_is_taken_from_a_displacement_is_the_mean_along_the_path():
 
 
 def test_outside_the_region_displacements_alone_tell():
-    flows = currents(6)
-    check_flown(followed(mission(flows), estimate(flows))[0].as_flown, 6, 300.0)
     far = mission(currents(6, std=0.01), begin=(4e5, 4e5))
-    state, _ = followed(far, estimate(flows))
+    state, _ = followed(far, estimate(currents(6)))
     assert stated(state.outcomes) == {"displacements"}
     assert state.outcomes[-1].distance < 0.2 * state.outcomes[0].distance
     assert all(one.in_outer for one in state.outcomes)
     # there nothing tells a current from a way through the water
     assert state.as_flown is None
-
-
-def test_the_end_of_a_dive_does_not_move_its_own_ellipse():
-    flows = currents(5)
-    plain = mission(flows)
-    other = [*plain[:-1], replace(plain[-1], longitude=plain[-1].longitude + 0.05)]
-    one, two = (followed(events, estimate(flows))[0].outcomes[-1] for events in (plain, other))
-    # nothing but the local scale about the place, which is the same
-    assert repr(one.forecast) == repr(two.forecast)
-    assert two.distance > one.distance + 1000.0
 
 
 def test_the_current_of_the_next_dive_is_asked_for_halfway():
@@ -278,6 +259,7 @@ def test_where_positions_have_no_depths_the_number_of_the_dive_tells():
 def test_the_coming_surfacing_is_of_a_dive_like_the_last_in_the_estimates_current():
     flows = currents(8)
     state, _ = followed(mission(flows), estimate(flows))
+    check_flown(state.as_flown, 8, 300.0)
     calm = SimpleNamespace(grid=GRID, levels=LEVELS, velocity=lambda *_, **__: np.zeros((3, 2)))
     coming = next_surfacing(state, calm)
     start, end = (
@@ -287,3 +269,10 @@ def test_the_coming_surfacing_is_of_a_dive_like_the_last_in_the_estimates_curren
     np.testing.assert_allclose(end - start, SECONDS * WAY, atol=100.0)
     assert (coming.dive, coming.basis, coming.earlier) == (9, "estimate", 8)
     assert next_surfacing(ForecastState()) is None
+
+
+def test_an_ellipse_lies_along_the_largest_variance():
+    along = np.array([np.sin(np.deg2rad(30.0)), np.cos(np.deg2rad(30.0))])
+    cov = 100.0 * np.eye(2) + 9900.0 * np.outer(along, along)
+    ellipse = ellipse_of(5.0, 62.0, cov, 2.0)
+    assert (ellipse.major, ellipse.minor, ellipse.bearing_deg) == pytest.approx((200.0, 20.0, 30.0))

@@ -43,17 +43,18 @@ def used(means, state=None):
     return out, state
 
 
-@pytest.mark.parametrize("with_profiles", [False, True])
-def test_a_biased_flight_model_is_found_and_taken_from_the_mean_currents(with_profiles):
+def test_a_biased_flight_model_is_found_and_taken_from_the_mean_currents():
+    """Beside profiles; without any a replay shows the same."""
     state, found = FlightState(), []
     for k in range(8):
-        if with_profiles:
-            state = state.with_profiles(block_of([profile(k)]), np.zeros(1, np.intp))
-        (after,), state = used([replace(dive(k), beside_profiles=with_profiles)], state)
+        state = state.with_profiles(block_of([profile(k)]), np.zeros(1, np.intp))
+        (after,), state = used([replace(dive(k), beside_profiles=True)], state)
         assert (after.velocity, after.error_std) == (dive(k).velocity, dive(k).error_std)
         found.append(after)
     assert [after.corrected for after in found[:2]] == [None, None]
     assert abs(complex(*found[0].used) - CURRENT) == pytest.approx(0.125, abs=1e-3)
+    # without a correction it has the flight model's uncertainty
+    assert found[0].used_std > 3.0 * found[0].error_std
     last = found[-1]
     assert abs(complex(*last.corrected) - CURRENT) < min(0.02, 3.0 * last.used_std)
     assert last.used == last.corrected
@@ -62,9 +63,6 @@ def test_a_biased_flight_model_is_found_and_taken_from_the_mean_currents(with_pr
         [abs(complex(*after.used) - complex(*after.velocity)) for after in found if after.corrected]
     )
     assert correction.sizes[-1] == pytest.approx(0.125, abs=0.02)
-    assert correction.along == pytest.approx(BIAS, abs=3.0 * correction.along_std)
-    assert correction.dives == 8
-    assert correction.evidence > 2.0
 
 
 def test_a_dives_own_mean_current_does_not_correct_itself():
@@ -98,14 +96,6 @@ def test_one_wrong_mean_current_corrects_no_other_one(k):
     for number, (after, given) in enumerate(zip(found, means, strict=True)):
         assert after.corrected is None
         assert number == k or (after.used, after.used_std) == (given.velocity, given.error_std)
-
-
-def test_beside_profiles_a_mean_current_without_a_correction_has_the_flight_models_uncertainty():
-    (first, second), _ = used([replace(dive(k), beside_profiles=True) for k in range(2)])
-    for after in (first, second):
-        assert after.corrected is None
-        assert after.used == after.velocity
-        assert after.used_std > 3.0 * after.error_std
 
 
 def test_what_has_no_way_through_water_is_used_as_stated():

@@ -1,10 +1,7 @@
 """What a replay's loop gives its estimator, its planner and its result, and when: with stand-ins that note what they are given."""
 
-from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -13,18 +10,19 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import GroupTotals, PathMean
+from replay_kit.core.observation import GroupTotals
 from replay_kit.core.plan import Place
+from replay_kit.core.words.progress import Stopwatch
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
 from replay_kit.workflows.replay.inputs.planner import PlanResult
 from replay_kit.workflows.replay.plans import PlanningProblem
-from replay_kit.workflows.replay.run import end
+from replay_kit.workflows.replay.run import Run, end, follow_up
 from replay_kit.workflows.replay.steps import Step, Sums
+from replay_kit.workflows.replay.vehicle import Setup
 from tests import synthetic
-from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
 from tests.planners.flow_samples import CENTRE, uniform_flow
-from tests.workflows.replay.given import fed, position, run_of
+from tests.workflows.replay.given import block_of, position
 
 FLOW = uniform_flow(0.3, -0.4)
 PROFILE = synthetic.profile(FLOW.grid, 0.0, 0.0, np.array([10.0]), np.zeros((1, 2)))
@@ -32,21 +30,15 @@ UNUSED = screened([PROFILE], FLOW.grid)[0][0].unused(0)
 SECOND = 10**9
 
 
-class Recorder(Estimator):
-    """An estimator that notes what it is given, and learns nothing."""
-
-    def __init__(self, supports_path_means=False):
-        self.supports_path_means = supports_path_means
+class Untaught(Estimator):
+    """An estimator that takes everything and learns nothing."""
 
     def initial(self):
         return ()
 
     def assimilate(self, state, block):
-        done = []
-        for measurement in block:
-            before, state = state, (*state, measurement)
-            done.append(Stepped(measurement, before, state, replace(UNUSED, accepted=True)))
-        return state, done
+        taken = replace(UNUSED, accepted=True)
+        return state, [Stepped(one, state, state, taken) for one in block]
 
     def innovation(self, state, measurement):
         return np.zeros((1, 2))
@@ -87,7 +79,11 @@ def planned(events, finds=False, concluded=False, **settings):
     """The times [s] and places of the plans of a run."""
     asked, config = Asked(finds), RunConfig(planner=PlannerConfig(**settings))
     problem = PlanningProblem(asked, Place(152.6, -40.0, 0.0), config.planner, 3.0)
-    run = fed(run_of(Recorder(), config, problem), events)
+    run = Run([Setup(Untaught(), config, problem)], config.measurements, Stopwatch())
+    run.follow_up = follow_up
+    run.give(0, block_of(events), 0, len(events))
+    run.last_ns = events[-1].time_ns
+    run.finish()
     if concluded:
         end(run, run.of[0])
     return asked.calls
@@ -160,45 +156,6 @@ def test_the_plan_at_a_surfacing_where_the_log_ends_is_the_last_one_if_it_has_od
     assert [time for time, _ in found] == starts
 
 
-def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_after_the_last_ones():
-    run = run_of(Recorder(), RunConfig(output={"interval": 60.0, "depths": (10.0,)}))
-    run.writer = MagicMock(of=lambda vehicle: nullcontext())
-    fed(run, [profile(seconds) for seconds in range(0, 250, 25)])
-    for written in (run.writer.grids, run.writer.digest):
-        times = [call.args[0] / SECOND for call in written.call_args_list]
-        assert times == [0, 75, 150, 225]
-
-
-def test_windows_that_were_left_are_published_once_and_forgotten():
-    of = sea(TINY)
-    pings = mission(of, TINY, of.part(None, slice(TINY.members, None)), 25_000.0)
-    run = run_of(windowed(of, TINY, pings[0], 25_000.0, QUICK))
-    run.writer = MagicMock()
-    for ping in pings:
-        state = fed(run, [ping], last=False)
-        assert state.current.left == state.of[0].dive.start.left == ()
-    run.finish()
-    numbers = [call.args[0] for call in run.writer.window.call_args_list]
-    assert numbers == list(range(1, run.current.number))
-    assert len(numbers) > 1
-
-
-@pytest.mark.parametrize(("supports", "unsupported"), [(True, {}), (False, {"dac": 1})])
-def test_an_estimator_that_supports_path_means_is_given_them_in_order_and_they_are_counted_otherwise(
-    supports, unsupported
-):
-    two = np.array([1.0, 2.0])
-    values = two, two, two, two / 3.0, (0.1, 0.2), 0.02, "dac", 1, PROFILE.source
-    events = [PROFILE, PathMean(5, np.array([1, 4]), *values), PROFILE]
-    run = fed(run_of(Recorder(supports)), events)
-    given = [isinstance(each, PathMean) for each in run.current]
-    assert given == ([False, True, False] if supports else [False, False])
-    assert run.of[0].counts.unsupported == unsupported
-
-
-step_of = partial(Step, PROFILE, None, None)
-
-
 def test_a_group_counts_as_its_profiles_do():
     rng, names = np.random.default_rng(0), ("innovation", "residual", "prior_innovation")
     n = PROFILE.depth.size
@@ -206,12 +163,12 @@ def test_a_group_counts_as_its_profiles_do():
     for nis in rng.random(5).tolist():
         values = {name: rng.standard_normal((n, 2)) for name in names}
         members.append(replace(UNUSED, nis=nis, dof=2 * n, accepted=True, **values))
-        one_by_one = one_by_one.plus(Sums.of(step_of(members[-1], members[-1].residual)))
+        step = Step(PROFILE, None, None, members[-1], members[-1].residual)
+        one_by_one = one_by_one.plus(Sums.of(step))
     squares = [float(sum(np.sum(getattr(each, name) ** 2) for each in members)) for name in names]
     nis, totals = sum(each.nis for each in members), GroupTotals(5 * n, *squares)
     group = replace(UNUSED, nis=nis, dof=10 * n, accepted=True, profiles=5, totals=totals)
     residuals = np.concatenate([each.residual for each in members])
-    total = Sums(bins=3).plus(Sums.of(step_of(group, residuals)))
+    total = Sums(bins=3).plus(Sums.of(Step(PROFILE, None, None, group, residuals)))
     np.testing.assert_allclose(total, one_by_one, rtol=1e-12)
-    assert total.rms_of("before")["before"] == np.sqrt(total.before / (10 * n))
     assert np.isnan(Sums().rms_of("prior")["prior"])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
-from planners import plan_mission
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown
@@ -22,15 +21,13 @@ from replay_kit.show.notebook import read_result
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import detail_lines
 from replay_kit.show.status.status import status_of
-from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.planner import PlanQuery
-from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.results.result_samples import decoded
-from tests.synthetic_flow import constant, growing
 from tests.workflows.replay.given import position
 from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, often
 
@@ -76,16 +73,13 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
         assert outcome.distance == pytest.approx(float(distance(*there, *here)), rel=1e-6)
         late = ns(outcome.timestamp) - ns(outcome.predicted_time)
         assert outcome.delay == pytest.approx(late / 1e9)
-        # the first leg in the plan ends after its drift
+        # the first leg in the plan ends after its drift, at the surface
         leg = json.loads(next(item.value for item in plan.statistics if item.name == "leg_001"))
         reached = (ns(outcome.predicted_time) - ns(plan.timestamp)) / 1e9
         assert leg["surfacing_s"] - reached == pytest.approx(240.0, abs=1e-6)
-        depth = np.interp(reached, plan.track_time, plan.track_depth)
-        assert depth == pytest.approx(0.0, abs=1e-6)
         assert outcome.ellipse_major >= outcome.ellipse_minor > 0.0
-    figures = summary.surfacings
+    figures, away = summary.surfacings, [outcome.distance for outcome in outcomes]
     assert figures["count"] == len(outcomes) == len(figures["each"])
-    away = [outcome.distance for outcome in outcomes]
     assert figures["distance_median_m"] == pytest.approx(np.median(away))
     assert figures["inside_ellipse"] == np.mean([outcome.inside_ellipse for outcome in outcomes])
 
@@ -122,44 +116,43 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(repla
     assert said(tmp_path / "flow.nc", places)["message"] == whole["message"]
 
 
-def seen_in(events) -> list[float]:
-    """Return the times [s] of the fixes at which surfacings were seen."""
+def at(seconds, depth=np.nan, reckoned=False):
+    return position(seconds, depth=depth, reckoned=reckoned)
+
+
+def of(seconds, dive):
+    """A profile of a dive."""
+    given = synthetic.ensemble().grid, 0.0, 0.0, np.array([50.0]), np.zeros((1, 2))
+    return synthetic.profile(*given, time_ns=int(seconds * 1e9), dive=dive)
+
+
+@pytest.mark.parametrize(
+    ("events", "seen"),
+    [
+        # 4 m is no dive, a computed position no fix
+        (
+            [
+                *(at(0, 0.0), at(10, 4.0), at(20, 0.0), at(30, 90.0), at(40, 1.0, True)),
+                *(at(50, 1.0), at(60, 0.0), at(70, 50.0), at(80)),
+            ],
+            [50.0, 80.0],
+        ),
+        # positions without depths: the last before the next dive's first profile, and none where there is no position
+        ([at(10), of(15, 1), of(20, 1), at(30), at(40), of(45, 2), of(75, 3)], [40.0]),
+        ([at(t, 0.0) for t in range(5)], []),
+    ],
+)
+def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one(events, seen):
     watch, found = SurfacingState(), []
     for event in events:
         watch, fix = detect_surfacing(watch, event, 3.0)
         found += [] if fix is None else [fix.time_ns / 1e9]
-    return found
-
-
-def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one():
-    def at(seconds, depth=np.nan, reckoned=False):
-        return position(seconds, depth=depth, reckoned=reckoned)
-
-    # 4 m is no dive, a computed position no fix
-    dives = at(0, 0.0), at(10, 4.0), at(20, 0.0), at(30, 90.0), at(40, 1.0, True), at(50, 1.0)
-    assert seen_in([*dives, at(60, 0.0), at(70, 50.0), at(80)]) == [50.0, 80.0]
-    given = synthetic.ensemble().grid, 0.0, 0.0, np.array([50.0]), np.zeros((1, 2))
-    one, same, second, third = (
-        synthetic.profile(*given, time_ns=int(t * 1e9), dive=dive)
-        for t, dive in ((15, 1), (20, 1), (45, 2), (75, 3))
-    )
-    # positions without depths: the last before the next dive's first profile, and none where there is no position
-    assert seen_in([at(10), one, same, at(30), at(40), second, third]) == [40.0]
-    assert seen_in([at(t, 0.0) for t in range(5)]) == []
-
-
-def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
-    place = map(float, to_geographic(Projection(152.0, -40.0), -300.0, 400.0))
-    found = surfacing_outcome(0, Surfacing(100 * 10**9, 152.0, -40.0), position(90, *place))
-    assert found.distance == pytest.approx(500.0)
-    assert found.direction_deg == pytest.approx(360.0 - np.rad2deg(np.arctan2(3.0, 4.0)))
-    assert (found.late, found.inside) == (-10.0, None)
+    assert found == seen
 
 
 def test_dives_deeper_than_the_forecast_are_refused_where_there_are_dives(ocean, tmp_path):
     # a mission is asked for on the command line; a glide has no dives that could be too deep
-    config = RunConfig(estimator=QUICK, planner={"depth": 900.0})
-    (tmp_path / "run.toml").write_text(run_settings_toml(config))
+    (tmp_path / "run.toml").write_text("planner.depth = 900.0\nestimator.modes = 6\n")
     files = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc -o {tmp_path}/out.mcap"
     done = invoke(
         f"replay {files} --config {tmp_path}/run.toml --goal=152.42,-39.66,0 --planner mission"
@@ -168,8 +161,8 @@ def test_dives_deeper_than_the_forecast_are_refused_where_there_are_dives(ocean,
 
 
 def test_a_stated_number_of_legs_is_that_of_the_first_plan():
-    planner = MissionPlanner(PlannerConfig(kind="mission", depth=300.0, legs=4))
     flow = embed_member(synthetic.ensemble(), 0, EstimatorConfig())
+    planner = planner_of(PlannerConfig(kind="mission", depth=300.0, legs=4), flow.grid)
     start, goal = Place(152.2, -39.8, 0.0), Place(152.3, -39.75, 0.0)
     first = planner.plan(flow, PlanQuery(start, goal, 0))
     assert len(first.memory.headings_deg) == 4
@@ -178,22 +171,6 @@ def test_a_stated_number_of_legs_is_that_of_the_first_plan():
     again = planner.plan(flow, PlanQuery(here, goal, after, first))
     # the second is a plan of its own, not the first anew
     assert (len(again.memory.headings_deg), again.memory.start_time_ns) == (2, after)
-
-
-def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
-    still = replace(embed_member(synthetic.ensemble(), 0, EstimatorConfig()), time_ns=10**15)
-    grown = growing(still, (1.0 + 0.036 * np.arange(5.0)) ** 20, 36000.0)
-    start, goal = Place(152.15, -39.85, 0.0), Place(152.3, -39.8, 0.0)
-    planner = MissionPlanner(PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0))
-    # 14 km take 13.4 h at 0.29 m/s, and may take twice as long: steps to 10, 20 and 30 h, and to 40 h as they come in fours
-    flows = [grown, *(grown.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3, 4))]
-    asked, _ = planner.request(still.grid, start, (goal,), 10**15)
-    expected, once = (plan_mission(flow, asked).track for flow in (flows, still))
-    for flow, track in ((grown, expected), (constant(still, 10**15), once)):
-        made = planner.plan(flow, PlanQuery(start, goal, 10**15)).plan
-        np.testing.assert_array_equal(made.track, track)
-    n = min(len(once), len(expected))
-    assert np.abs(once[:n] - expected[:n]).max() > 50.0
 
 
 @pytest.mark.full
@@ -229,3 +206,11 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
 @pytest.mark.full
 def test_a_run_stopped_between_surfacings_is_that_of_a_run_that_was_not(ocean, tmp_path):
     goes_on(job_in(ocean, tmp_path / "out.mcap", GOAL), often(CONFIG), 80)
+
+
+def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
+    place = map(float, to_geographic(Projection(152.0, -40.0), -300.0, 400.0))
+    found = surfacing_outcome(0, Surfacing(100 * 10**9, 152.0, -40.0), position(90, *place))
+    assert found.distance == pytest.approx(500.0)
+    assert found.direction_deg == pytest.approx(360.0 - np.rad2deg(np.arctan2(3.0, 4.0)))
+    assert (found.late, found.inside) == (-10.0, None)

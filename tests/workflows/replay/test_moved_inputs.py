@@ -33,19 +33,19 @@ def folders(tmp_path_factory):
     return first, second
 
 
-def replayed(folder):
-    """The summary of a folder's replay, whose result lies in it."""
-    (folder / "run.toml").write_text(
-        f'[planner]\nkind = "glide"\ninterval = 1e9\nbathymetry = "{folder / "bottom.nc"}"\n'
-        "[estimator]\nmodes = 6\nsample_share = 0.5\nshift_distance = 0.0\n"
-    )
-    job = job_in(folder, folder / "out.mcap", GOAL, truth=str(folder / "truth.nc"))
-    return replay(job, load_config(folder / "run.toml"), planner_of)[0]
-
-
 @pytest.fixture(scope="module")
 def first(folders):
     return replayed(folders[0])
+
+
+def replayed(folder):
+    """The summary of a folder's replay, whose result lies in it."""
+    (folder / "run.toml").write_text(
+        f'planner = {{ kind = "glide", interval = 1e9, bathymetry = "{folder}/bottom.nc" }}\n'
+        "estimator = { modes = 6, sample_share = 0.5, shift_distance = 0.0 }\n"
+    )
+    job = job_in(folder, folder / "out.mcap", GOAL, truth=str(folder / "truth.nc"))
+    return replay(job, load_config(folder / "run.toml"), planner_of)[0]
 
 
 @pytest.mark.full

@@ -5,9 +5,8 @@ import json
 import pytest
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ConfigError, MeasurementError
+from replay_kit.core.errors import MeasurementError
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.inputs.job import Following
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify
 from tests import synthetic
@@ -53,9 +52,3 @@ def test_a_rule_that_leaves_nothing_out_has_no_result(ocean, tmp_path):
     with pytest.raises(MeasurementError, match="dives:400"):
         replay(job_in(ocean, tmp_path / "none.mcap"), config)
     assert not list(tmp_path.iterdir())
-
-
-def test_forecasts_are_not_compared_by_a_log_that_grows(ocean, tmp_path):
-    more = {"against": (ocean / "truth.nc",), "following": Following(tmp_path)}
-    with pytest.raises(ConfigError, match="finished log"):
-        replay(job_in(ocean, **more), RunConfig(estimator=QUICK))

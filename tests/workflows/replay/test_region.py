@@ -13,16 +13,16 @@ from replay_kit.config.run import (
 )
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.plan import Place
-from replay_kit.core.region import DEGREE, inside
+from replay_kit.core.region import DEGREE
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.describe import open_extent
+from replay_kit.results import ResultWriter
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
-from replay_kit.results.mcap.writer import ResultWriter
-from replay_kit.results.result import ResultFile
+from replay_kit.show.notebook import Result
 from replay_kit.workflows.replay.inputs.checks import check_logs
 from replay_kit.workflows.replay.inputs.forecast import build
 from replay_kit.workflows.replay.inputs.job import forecasts_of
-from replay_kit.workflows.replay.inputs.region import _first_window, window_points
+from replay_kit.workflows.replay.inputs.region import window_points
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
 from tests import synthetic
@@ -76,25 +76,20 @@ def job(strip, log="short.mcap", out=None, **more):
     return job_in(strip, out, logs=(log,), **more)
 
 
-def test_the_log_and_a_margin_are_read_and_told(strip):
-    forecasts = forecasts_of(job(strip), CONFIG)
-    grid = forecasts.ensemble.grid
-    longitude = sea(STRIP).longitude
-    assert grid.longitude.min() < longitude[30] - 3.0 / 12.0
-    assert grid.longitude.max() > longitude[37] + 3.0 / 12.0
-    assert grid.east.shape[1] < 40
-    assert f"{grid.east.shape[0]} x {grid.east.shape[1]} of 14 x 90 points" in forecasts.notes[0]
-    assert "--region all" in forecasts.notes[0]
-    # one window holds it all
-    assert forecasts.read is None
-    assert not isinstance(build(forecasts, CONFIG, None), WindowedEstimator)
-
-
-def test_the_goal_is_inside(strip):
-    goal = Place(float(sea(STRIP).longitude[52]), 40.5, 50.0)
-    found = forecasts_of(job(strip, goal=goal), CONFIG).region
-    assert inside(found.region, goal.longitude, goal.latitude)
-    assert "the goal" in found.note
+def test_the_log_the_goal_and_a_margin_are_read_and_told(strip):
+    longitude, goal = sea(STRIP).longitude, Place(float(sea(STRIP).longitude[44]), 40.5, 50.0)
+    for more, last in (({}, longitude[37]), ({"goal": goal}, goal.longitude)):
+        forecasts = forecasts_of(job(strip, **more), CONFIG)
+        grid, (note, *_) = forecasts.ensemble.grid, forecasts.notes
+        assert grid.longitude.min() < longitude[30] - 3.0 / 12.0
+        assert grid.longitude.max() > last + 3.0 / 12.0
+        rows, columns = grid.east.shape
+        assert columns < 46
+        assert f"{rows} x {columns} of 14 x 90 points" in note
+        assert ("the goal" in note, "--region all" in note) == (bool(more), True)
+        # one window holds it all
+        assert forecasts.read is None
+        assert not isinstance(build(forecasts, CONFIG, None), WindowedEstimator)
 
 
 @pytest.mark.parametrize(
@@ -127,25 +122,6 @@ def test_regions_and_windows_that_do_not_do_are_refused(strip, config, error, wo
         forecasts_of(job(strip, "long.mcap"), config)
 
 
-@pytest.mark.parametrize("most", [144, 400, 630])
-def test_the_first_window_has_the_points_that_are_allowed(strip, most):
-    with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
-        middle = np.array([0.5 * (extent.box[0] + extent.box[2]), 40.5])
-        found = _first_window(extent, middle, 1e3, 1e3, most)
-        # the half-open ends count a row or a column more or less
-        assert np.prod(extent.shape_in(found.region)) == pytest.approx(most, rel=0.1)
-
-
-@pytest.mark.parametrize(("cells", "points"), [(1.0, 1600), (2.0, 1600), (10.0, 140**2)])
-def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(
-    strip, cells, points
-):
-    with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
-        east, north = extent.step
-        length = cells * DEGREE * np.sqrt(east * np.cos(np.deg2rad(40.5)) * north)
-        assert window_points(extent, length, 40.5) == pytest.approx(points, rel=0.01)
-
-
 @pytest.fixture(scope="module")
 def followed(strip, tmp_path_factory):
     out = tmp_path_factory.mktemp("followed") / "long.mcap"
@@ -162,8 +138,10 @@ def test_a_log_of_several_windows_is_compared_with_all_that_it_passes(strip):
 
 def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(followed):
     out, summary, flow = followed
-    result, of = ResultFile(out), sea(STRIP)
+    result, of = Result(out), sea(STRIP)
     assert len(result.estimates) > 2
+    # the half-open ends count a row or a column more or less
+    assert max(one.grid.east.size for one in result.estimates) < 1.1 * STRIP.window
     told = f"{len(result.estimates)} windows followed the vehicle"
     assert any(told in note for note in summary.notes)
     assert summary.truth is not None
@@ -180,14 +158,14 @@ def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(followed
 
 
 def test_windows_of_an_estimate_that_was_rebuilt_do_not_count(followed, tmp_path):
-    flows = ResultFile(followed[0]).estimates
+    flows = Result(followed[0]).estimates
     writer = ResultWriter(tmp_path / "rebuilt.mcap")
     # those before the last are of an estimate that was rebuilt
     for number, flow in enumerate((*flows[:2], flows[1]), 1):
         writer.window(number, flow)
     writer.write_metadata(WINDOWS_RECORD, {"withdrawn": "2"})
     writer.finish(flows[-1])
-    found = ResultFile(tmp_path / "rebuilt.mcap").estimates
+    found = Result(tmp_path / "rebuilt.mcap").estimates
     assert len(found) == 2
     assert np.array_equal(found[0].latent, flows[1].latent)
 
@@ -206,3 +184,13 @@ def test_a_stopped_run_in_a_region_or_windows_goes_on_to_the_same_bytes(
 ):
     again = job(strip, log, tmp_path / "out.mcap", truth=str(strip / "truth.nc"))
     goes_on(again, often(config), stop_after)
+
+
+@pytest.mark.parametrize(("cells", "points"), [(1.0, 1600), (10.0, 140**2)])
+def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(
+    strip, cells, points
+):
+    with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
+        east, north = extent.step
+        length = cells * DEGREE * np.sqrt(east * np.cos(np.deg2rad(40.5)) * north)
+        assert window_points(extent, length, 40.5) == pytest.approx(points, rel=0.01)

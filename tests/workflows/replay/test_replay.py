@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from replay_kit import open_estimate
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
-from replay_kit.core.flow.file import load
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.estimator import ReducedBasisEstimator, embed_member
@@ -21,8 +21,6 @@ from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.conclude import score_against_truth
 from replay_kit.workflows.replay.inputs import checks
-from replay_kit.workflows.replay.inputs.prepare import with_planner_kind
-from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
 from tests.command import invoke, succeed
@@ -58,54 +56,46 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_writes_every_file(tmp_path):
     innovations = decoded(job.out)["/flow/innovation"]
     values = sum(sum(message.dof) for _, message in innovations)
     assert values == 2 * summary.observations["bins_used"]
+    # grids and digests come with the first profile, and then at the interval after the last ones
+    held = decoded(job.out)
+    for topic in ("/flow/grid/5m", "/flow/estimate"):
+        times = [time for time, _ in held[topic]]
+        assert times[0] == held["/vehicle/fix"][0][0]
+        # six hours, and a ping at most
+        assert set(np.diff(times)[:-1] // (2400 * 10**9)) == {9}
     with xr.open_dataset(job.netcdf, engine="h5netcdf") as grid:
         assert "eastward_sea_water_velocity" in {
             one.attrs.get("standard_name") for one in grid.variables.values()
         }
-    loaded = load(job.save_estimate)
+    loaded = open_estimate(job.save_estimate)
     np.testing.assert_array_equal(loaded.latent, flow.latent)
     np.testing.assert_array_equal(loaded.unknowns.p, flow.unknowns.p)
 
 
 @pytest.mark.parametrize(
-    ("log", "asked", "kind", "depth"),
+    ("name", "asked", "depth"),
     [
-        ("glider.mcap", {}, "mission", 300.0),
-        ("glider.mcap", {"depth": 250.0}, "mission", 250.0),
-        ("glider.mcap", {"kind": "glide"}, "glide", 300.0),
-        ("survey.mcap", {}, "auto", 300.0),
-        ("glider.tlog", {}, "auto", 300.0),
+        # its dives went to 290 m
+        ("glider.tlog", {}, 290.0),
+        ("glider.mcap", {"depth": 250.0}, 250.0),
+        ("glider.mcap", {"kind": "glide"}, None),
+        ("survey.mcap", {}, None),
     ],
 )
-def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(
-    ocean, tmp_path, log, asked, kind, depth
+def test_a_glider_s_replay_plans_a_mission_where_nothing_else_is_asked_for(
+    ocean, tmp_path, name, asked, depth
 ):
-    """The twin's forecast ends at 300 m, above the depth of dives that is assumed."""
-    if log.endswith(".tlog"):
-        write_tlog(tmp_path / log, open_log(ocean / "glider.mcap").messages())
-        log = tmp_path / log
-    config = RunConfig(planner=PlannerConfig(**asked))
-    job = job_in(ocean, goal=GOAL, logs=(log,))
-    found = with_planner_kind(job.each_vehicle[0], open_readers(job.logs, config), config).planner
-    assert (found.kind, found.diving(deepest=300.0).depth) == (kind, depth)
-    without = job_in(ocean, logs=(log,))
-    assert (
-        with_planner_kind(without.each_vehicle[0], open_readers(job.logs, config), config) is config
-    )
-
-
-@pytest.mark.parametrize("dives", [True, False])
-def test_telemetry_of_dives_is_planned_as_a_mission_and_a_glide_is_explained(
-    ocean, tmp_path, dives
-):
-    log = ocean / "survey.mcap"
-    if dives:
-        log = tmp_path / "glider.tlog"
+    log = ocean / name
+    if name.endswith(".tlog"):
+        log = tmp_path / name
         write_tlog(log, open_log(ocean / "glider.mcap").messages())
-    config = RunConfig(estimator=QUICK, planner={"samples": 0, "interval": 1e9})
+    config = RunConfig(estimator=QUICK, planner={"samples": 0, "interval": 1e9} | asked)
     outcome, _ = replay(job_in(ocean, goal=GOAL, logs=(log,)), config, planner_of)
+    legs = [json.loads(v) for k, v in outcome.plan["statistics"].items() if k.startswith("leg")]
+    assert max((leg["depth_m"] for leg in legs), default=None) == depth
+    # a glide that was not asked for is explained
     said = any("--planner mission" in note for note in outcome.notes)
-    assert ("leg_001" in outcome.plan["statistics"], said) == (dives, not dives)
+    assert said == (name == "survey.mcap")
 
 
 def test_a_goal_without_a_position_to_start_from_is_answered(ocean, tmp_path):
@@ -207,15 +197,22 @@ def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path, m
     monkeypatch.setattr(checks, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     monkeypatch.setattr(ReducedBasisEstimator, "assimilate", slow)
     line = f"replay {ocean}/survey.mcap --ensemble {ocean}/ensemble.nc --dry-run"
-    succeed(f"{line} --modes 10 -o {tmp_path}/o.mcap --json {tmp_path}/d.json")
-    answer = json.loads((tmp_path / "d.json").read_text())
+    answer = json.loads(succeed(f"{line} --modes 10 -o {tmp_path}/o.mcap --json -").stdout)
     assert (answer["profiles_used"], answer["members"], answer["modes"]) == (40, 12, 10)
     # the unknowns of members and their four copies at least
     assert 60 <= answer["state_size"] < 200
     assert answer["seconds"] == pytest.approx(80.0)
-    assert [path.name for path in tmp_path.iterdir()] == ["d.json"]
     baseline = invoke(f"{line} --estimator nearest -o {tmp_path}/o.mcap")
     assert isinstance(baseline.exception, ConfigError)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_baseline_takes_no_mean_currents_and_that_is_said(ocean):
+    config = RunConfig(estimator={"name": "nearest"})
+    outcome, _ = replay(job_in(ocean), config)
+    assert "5 mean currents (dac): not supported by this estimator" in outcome.notes
+    found = outcome.observations
+    assert (found["mean_currents"], found["used"] + found["rejected"]) == (0, 45)
 
 
 def test_a_truth_with_another_centre_is_compared_along_the_same_axes():

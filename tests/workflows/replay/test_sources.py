@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from replay_kit import open_result
 from replay_kit.config.run import load_config
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results import ResultReader
@@ -13,7 +14,6 @@ from replay_kit.show.export import export
 from replay_kit.show.sentences import estimate_sentences
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.sound import open_result
 from tests import synthetic
 from tests.logs import surface_samples as made
 from tests.measurements.carriers import json_mcap
