@@ -52,7 +52,7 @@ class State:
         measured: shape (Z,), whether levels lie among measured depths; None before any.
         doubt: Evidence against the prior variance; None if not recorded.
         scale: Factor on the prior variance of members and local directions from the first measurements.
-        seen: Of nodes with measurements near them, the sum of their ``shared``, see ``update/columns.Layout``; it decays with the current.
+        seen: By node, the sum of ``Layout.shared`` of measurements near it.
     """
 
     x: Array

@@ -11,10 +11,6 @@ Measurements of a column are each gated against the estimate before them; accept
 one's error factor:
 
     R'R = sum w_i R_i'R_i,    R'y = sum w_i R_i'y_i.
-
-All measurements near a node share its representation error, however many they are: with r the ratio of its variance to that of one of
-them, n together tell as much as n / (1 + n r) without it. With S the sum of the ratios so far, and S + s that with those of a column, w_i
-is multiplied by (1 + r_i) / ((1 + S) (1 + S + s)), which is 1 for the first. The gate takes each as if it were alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -214,6 +210,9 @@ class _Block:
         if not weights.any():
             self.whitened.append(np.empty(0))
             return Update(column, before, covariance, judgements, before, covariance)
+        # All measurements near a node share its representation error, however many: with r the ratio of its variance to that of one, n
+        # together tell as much as n / (1 + n r) without it. With S the sum of the ratios so far, and S + s that with those of a column,
+        # w_i is multiplied by (1 + r_i) / ((1 + S) (1 + S + s)), which is 1 for the first. The gate takes each as if it were alone.
         if column.node is not None:
             before_it = self.seen.get(column.node, 0.0)
             after_it = before_it + float(weights @ column.shared)

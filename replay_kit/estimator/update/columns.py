@@ -48,7 +48,7 @@ class Layout:
         std: shape (m,) [m/s], error of each value with representation error.
         half_log_det: Half the log determinant of N.
         unwhiten: shape (m, w), for values known up to a constant; None for others.
-        shared: Variance of the representation error over that of a level's mean without it, mean over the levels; see ``assimilate``.
+        shared: Variance of the representation error over that of a level's mean without it, mean over levels.
     """
 
     levels: Array
