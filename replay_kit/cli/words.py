@@ -1,7 +1,7 @@
 """Preprocessing of command-line words: options before the command, files after ``--ensemble``, logs after ``--as``."""
 
 from collections.abc import Collection, Sequence
-from glob import has_magic
+from glob import glob, has_magic
 from itertools import takewhile
 from pathlib import Path
 
@@ -64,8 +64,10 @@ def spread_vehicles(arguments: Sequence[str]) -> list[str]:
         if not named:
             found += [_AS, name]
             continue
-        own = [first, *takewhile(lambda word: not word.startswith("-"), words)]
-        del words[: len(own) - 1]
+        after = [*takewhile(lambda word: not word.startswith("-"), words)]
+        del words[: len(after)]
+        # no shell expands a pattern behind a name
+        own = [*(sorted(glob(first)) or [first]), *after]
         found += [part for log in own for part in (_AS, f"{name}={log}")]
         logs += own
     return [*found[:1], *logs, *found[1:]]

@@ -59,7 +59,8 @@ def line(logs, tmp_path_factory):
     """A replay of the three, and the file of its result."""
     folder = tmp_path_factory.mktemp("array")
     (folder / "run.toml").write_text(TOML)
-    words = " ".join(f"--as {name}={path}" for name, path in logs.items())
+    # no shell expands a pattern behind a name
+    words = " ".join(f"--as {name}={path.parent}/{name}*.mcap" for name, path in logs.items())
     files = f"--ensemble {ENSEMBLE} --config {folder}/run.toml -o {folder}/array.mcap"
     return f"replay {words} {files}", folder / "array.mcap"
 
@@ -163,6 +164,7 @@ def positionless(logs, folder):
     [
         (lambda logs, _: {"sg4": logs["sg1"]}, "of sg4: identical to .* of sg1"),
         (lambda logs, _: {"flow": logs["sg1"]}, "vehicle 'flow': expected a name"),
+        (lambda logs, _: {"sg4": "no.mcap"}, "no.mcap of sg4: file not found"),
         (
             lambda logs, tmp: {"sg2": moved(logs["sg2"], tmp / "b.mcap", 2e9)},
             "sg2: begins at 20.* different years",

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ConfigError, MeasurementError
+from replay_kit.core.errors import ConfigError, LogError, MeasurementError
 from replay_kit.core.region import Region, bounds_of, inside
 from replay_kit.core.words.text import some_text, time_text
 from replay_kit.logs.opening import in_folder, logs_in
@@ -46,6 +46,8 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
                 f"vehicle '{one.name}': expected a name of letters, digits and _.-, none of {', '.join(RESERVED)}; choose another"
             )
         for path in (file for log in one.logs for file in logs_in(log)):
+            if not path.exists():
+                raise LogError(f"{path} of {one.name}: file not found; correct its name")
             name, other = held.setdefault(input_hash(path), (one.name, path))
             if name != one.name:
                 raise ConfigError(
