@@ -240,13 +240,26 @@ def _pd0(
     ]
     if others:
         told.notes.append(f"{', '.join(others)}, skipped")
-    datasets = [read_pd0(path, [part for _, part in group]) for group in groups]
+    datasets, found, errors = [], list[Stream](), list[LogError]()
+    for group in groups:
+        ordinals, parts = zip(*group, strict=True)
+        try:
+            datasets.append(read_pd0(path, parts))
+        except LogError as error:
+            # damage that left a sum of bytes as it was may look like another configuration
+            errors.append(error)
+            told.skipped[PINGS, _unreadable(path, error)] += len(group)
+            continue
+        found.append((PINGS, len(group), raw_profiles(datasets[-1], "", ordinals)))
+    if not found:
+        raise errors[0]
     if not any("vel" in dataset for dataset in datasets):
         told.notes.append("bottom track and fixes alone: the file holds no profile of the current")
-    return fixes_of(datasets), [
-        (PINGS, len(group), raw_profiles(dataset, "", [ordinal for ordinal, _ in group]))
-        for dataset, group in zip(datasets, groups, strict=True)
-    ]
+    return fixes_of(datasets), found
+
+
+def _unreadable(path: Path, error: Exception) -> str:
+    return f"configuration that cannot be read: {str(error).removeprefix(f'{path}: ')}"
 
 
 def _ad2cp(
@@ -267,8 +280,7 @@ def _ad2cp(
             profiles = with_bottom(raw_profiles(dataset, tag, mode.ordinals), tracks)
         except (LogError, LookupError, ValueError, TypeError) as error:
             errors.append(error)
-            why = str(error).removeprefix(f"{path}: ")
-            told.skipped[topic, f"configuration that cannot be read: {why}"] += len(mode.pings)
+            told.skipped[topic, _unreadable(path, error)] += len(mode.pings)
             continue
         found.append((topic, len(mode.pings), profiles))
         cells, size = (profiles.common[name] for name in ("n_cells", "cell_size"))

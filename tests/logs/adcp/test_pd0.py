@@ -89,6 +89,22 @@ def test_what_an_ensemble_lacks_is_said(tmp_path):
         read(tmp_path, pd0(short))
 
 
+def test_a_configuration_that_mhkit_cannot_read_is_counted_and_the_others_come(tmp_path):
+    """As of damage that leaves the sum of the bytes as it was, and looks like another configuration."""
+
+    def with_a_letter_in_its_clock(data, _):
+        data[data.index(b"$GPGGA,") + 8] = ord("r")
+
+    parts = [ensemble(SURVEY, k) for k in range(4)]
+    parts[2] = edited(ensemble(CHANGED, 2), with_a_letter_in_its_clock)
+    messages, report = read(tmp_path, b"".join(parts))
+    assert [m.payload["ping"] for m in messages if m.topic == "/adcp"] == [0, 1, 3]
+    count, why = report.undecodable["/adcp"]
+    assert (count, "configuration that cannot be read: MHKiT" in why) == (1, True)
+    with pytest.raises(LogError, match="MHKiT cannot read this raw ADCP file: ValueError"):
+        read(tmp_path, parts[2])
+
+
 @pytest.mark.parametrize("kind", [0x79, 0x31])
 def test_packets_of_other_kinds_are_skipped_and_counted(tmp_path, kind):
     survey = Survey(n=6, system="earth")
