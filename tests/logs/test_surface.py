@@ -220,6 +220,10 @@ def _knots(k, row):
         (_radials(change=_knots), "they look like knots or m/s"),
         (_radials(names="LOND LATD VELO HEAD RNGE"), "it lacks BEAR"),
         (_edited(_radials(), lambda text: text.replace("%Origin", "%Place")), "it lacks Origin"),
+        (
+            _edited(_radials(), lambda text: text.replace("%Origin:  -", "%Origin:  -9")),
+            "Origin: expected latitude and longitude",
+        ),
         (_without_variance, "expected the signal's variance"),
         (
             _edited(lambda at: _table(made.drifters(), at / "a.csv"), lambda text: text[:-30]),

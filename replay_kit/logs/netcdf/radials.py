@@ -101,6 +101,9 @@ def read_header(path: Path) -> Header:
         time = datetime(*map(int, moment), tzinfo=UTC)  # type: ignore[arg-type,misc]
     except ValueError as error:
         raise LogError(f"{path}: TimeStamp: expected a date and a time, got {moment}") from error
+    latitude, longitude = origin = stated("Origin", 2)
+    if not (abs(latitude) <= 90.0 and -180.0 <= longitude <= 360.0):
+        raise LogError(f"{path}: Origin: expected latitude and longitude [degrees], got {origin}")
     (frequency,) = stated("TransmitCenterFreqMHz", 1)
     if not frequency > 0.0:
         raise LogError(
@@ -112,7 +115,7 @@ def read_header(path: Path) -> Header:
         round(time.timestamp()) * 1_000_000_000,
         names,
         units,
-        stated("Origin", 2),
+        origin,
         frequency,
         60.0 * stated("TimeCoverage", 1, "60")[0],
         *stated("DopplerResolutionHzPerBin", 1, "nan"),
