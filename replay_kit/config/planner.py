@@ -15,6 +15,8 @@ from replay_kit.core.extensions import ObjectiveName, objective_names
 # Of a vehicle that is not known to have dived: m/s, m; and glide angles in degrees.
 _SPEED, _DEPTH = 0.3, 500.0
 _MIN_ANGLE, _MAX_ANGLE = 15.0, 35.0
+# m/s, of any vehicle that is planned for
+_FASTEST = 5.0
 
 
 def _known_objective(name: str) -> str:
@@ -141,6 +143,9 @@ class PlannerConfig(Section):
         least, most = self.min_angle or _MIN_ANGLE, self.max_angle or _MAX_ANGLE
         if least > most:
             raise ValueError(f"min_angle {least:g} is above max_angle {most:g}; give them in order")
+        fastest = float(str(self.speed or 0.0).rpartition(":")[2])
+        if fastest > _FASTEST:
+            raise ValueError(f"speed: expected up to {_FASTEST:g} m/s, got {fastest:g}; in cm/s?")
         if isinstance(self.speed, str) and not self.thrust:
             raise ValueError(
                 "a range of speeds needs thrust: a glider's speed follows from its glide"

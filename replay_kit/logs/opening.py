@@ -352,7 +352,12 @@ def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:
     if callable(named):
         return named
     module, name = named.split(":")
-    found: Callable[..., Any] = getattr(import_module(f"replay_kit.logs.{module}"), name)
+    try:
+        held = import_module(f"replay_kit.logs.{module}")
+    except ModuleNotFoundError:
+        # of another package
+        held = import_module(module)
+    found: Callable[..., Any] = getattr(held, name)
     return found
 
 

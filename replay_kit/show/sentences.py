@@ -47,7 +47,8 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
 def profile_bins(counts: Mapping[str, Any]) -> int:
     """Return the number of used profile bins, without other observations, which count as bins of two components."""
     values = sum(row["values"] for row in counts.get("sources", ()))
-    return int(counts["bins_used"] - counts.get("mean_currents", 0) - values // 2)
+    # values of one component alone, as radials, are halves of a bin, which it counts as none
+    return max(0, int(counts["bins_used"] - counts.get("mean_currents", 0) - values // 2))
 
 
 def flown_sentences(outcome: Outcome) -> Iterator[Sentence]:

@@ -30,6 +30,7 @@ def load(tmp_path):
         ("[planner]\nspeeed = 0.4\n", r"unknown key 'planner\.speeed'; known here: .*mean speed\?"),
         ("[plannner]\nspeed = 0.4\n", r"unknown key 'plannner'"),
         ("[planner]\nspeed = -1\n", r"run\.toml"),
+        ("[planner]\nspeed = 30\n", r"expected up to 5 m/s, got 30; in cm/s\?"),
         ("[planner\n", r"run\.toml"),
         ("[estimator]\npreset = 'best'\n", r"run\.toml"),
     ],

@@ -22,6 +22,7 @@ _SINCE = re.compile(
     r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*",
     re.IGNORECASE,
 )
+_MONTH_FIRST = re.compile(r"\d\d/(1[3-9]|[2-3]\d)/\d{4}")
 # 1971 and 2100: clocks that lost their time count from 1970
 _FIRST_NS, _LAST_NS = 31_536_000 * 10**9, 4_102_444_800 * 10**9
 # of any epoch; more is no time, and does not fit into 64 bits of nanoseconds
@@ -177,7 +178,8 @@ def times_of(file: NetcdfFile, name: str, notes: list[str]) -> Times:
     texts = stored.texts()
     if texts and not np.isfinite(as_number(next(filter(None, texts), ""))):
         notes.append(f"{name}: times are texts, taken as UTC")
-        stored = Stored(_seconds_of(texts), {"units": "seconds since 1970-01-01"}, stored.dims[:1])
+        seconds_of = _seconds_of(texts, f"{file.path}: {name}")
+        stored = Stored(seconds_of, {"units": "seconds since 1970-01-01"}, stored.dims[:1])
     units, match, plain = stored.units, _SINCE.fullmatch(stored.units), stored.unpacked()
     # of whole numbers, nanoseconds since 1970 have more digits than a float holds
     whole = stored.values.dtype.kind in "iu" and stored.packing == (1.0, 0.0)
@@ -203,12 +205,20 @@ def times_of(file: NetcdfFile, name: str, notes: list[str]) -> Times:
     return np.where(known, found, 0)
 
 
-def _seconds_of(texts: Sequence[str]) -> Array:
+def _seconds_of(texts: Sequence[str], where: str) -> Array:
     """Return times in seconds since 1970, UTC without an offset; NaN for other text.
 
     Args:
         texts: Times in ISO 8601 or as day/month/year of a SeaExplorer.
+        where: File and variable in the error.
+
+    Raises:
+        LogError: One is as month/day/year: the others may be either.
     """
+    if wrong := next(filter(_MONTH_FIRST.match, texts), ""):
+        raise LogError(
+            f"{where}: expected YYYY-MM-DD or day/month/year, got '{wrong}'; write them as YYYY-MM-DD"
+        )
     iso = [
         f"{text[6:10]}-{text[3:5]}-{text[:2]}T{text[11:]}" if text[2:3] == "/" else text
         for text in texts

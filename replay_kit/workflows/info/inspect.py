@@ -119,7 +119,7 @@ def count_alike(
         reasons.setdefault(topic, reason)
     for topic, reason in reasons.items():
         undecodable, _ = report.undecodable.get(topic, (0, ""))
-        not_used[topic, reason] += max(0, report.read[topic] - undecodable - decoded[topic])
+        not_used[topic, reason] += max(0, report.read.get(topic, 0) - undecodable - decoded[topic])
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,6 +101,8 @@ class Account:
         if counts.total.profiles:
             return
         names = ", ".join(report.path for report in self.reports)
+        said = [note for report in self.reports for note in report.notes]
+        odd = "".join(f". {note}" for note in said if note.endswith("taken as missing"))
         if counts.bins_rejected.get("outside_region") and vehicle is not None:
             raise MeasurementError(
                 f"{names}: the log lies outside the ensemble's region: "
@@ -117,16 +119,16 @@ class Account:
             )
             below = surface_only(grid, logs) if "below_grid" in counts.bins_rejected else ""
             raise MeasurementError(
-                f"{names}: {what or f'{rejected} measurements'}, none usable: {why}{below and f'. {below}'}"
+                f"{names}: {what or f'{rejected} measurements'}, none usable: {why or 'too far from the forecast'}"
+                f"{below and f'. {below}'}{odd}"
             )
         found = _describe(self.topics()) or "no messages at all"
         lost = self.lost_pings()
-        notes = (note for report in self.reports for note in report.notes)
-        means = "".join(f". {note}" for note in notes if note.startswith(NO_MEANS))
+        means = "".join(f". {note}" for note in said if note.startswith(NO_MEANS))
         raise MeasurementError(
             f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping and no mean current of a dive; "
             "expected pings (AdcpPing, ADCP_* frames, PD0, AD2CP, [[measurements.map]]) with positions, or mean currents between fixes. "
-            f"Found: {found}{self._mapping_hint()}{means}"
+            f"Found: {found}{self._mapping_hint()}{means}{odd}"
         )
 
     def _mapping_hint(self) -> str:

@@ -270,8 +270,8 @@ def _of_forecast(sums: Sums, moved: bool) -> tuple[Finding, ...]:
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
         return (findings.forecast_misfit[moved](evidence=evidence),)
-    least = 0.2 if beyond >= _LEAST_REJECTED else 0.5
-    return (ensemble_contradicts(evidence),) if beyond > least * total else ()
+    many = 5 * beyond > total if beyond >= _LEAST_REJECTED else 2 * beyond >= total
+    return (ensemble_contradicts(evidence),) if beyond and many else ()
 
 
 def check_file(estimator: Any, means: Iterable[PathMean]) -> Concluded:

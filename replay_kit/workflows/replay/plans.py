@@ -200,7 +200,7 @@ def plan_at_end(
 ) -> Planned:
     """Return the state at the end of a log, with a finished surfacing and the odds of the last plan, the one to fly.
 
-    Odds of all plans would take as long as the plans. A plan with odds at a final surfacing is the last plan.
+    Odds of all plans would take as long as the plans. A plan at a final surfacing is the last plan.
 
     Args:
         problem: Planning problem.
@@ -214,14 +214,14 @@ def plan_at_end(
         return replace(state, failure=NO_START), (
             lambda writer: writer.log(last_ns, "warning", f"no plan: {NO_START}"),
         )
+    judging = replace(problem, planner=problem.planner.with_odds())
     if state.surfaced is not None:
-        state, outputs = _surfaced(problem, state, state.surfaced, flow_at)
+        state, outputs = _surfaced(judging, state, state.surfaced, flow_at)
     result = state.result
-    if problem.settings.samples and position and result is not None and result is not before:
+    if result is not None and result is not before:
         plan = result.plan
         if (plan.start, plan.start_time_ns) == (_place_of(position), last_ns):
-            return state, (*outputs, outputs[-1])
-    judging = replace(problem, planner=problem.planner.with_odds())
+            return state, outputs
     state, more = _planned(judging, state, flow, last_ns)
     return state, (*outputs, *more)
 

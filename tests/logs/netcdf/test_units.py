@@ -74,6 +74,14 @@ def test_times_of_a_clock_that_lost_them_are_unknown():
         _times(_stored([5.0], units=SINCE))
 
 
+def test_days_before_months_are_read_and_days_after_them_refused():
+    assert _times(Stored(np.array([b"02/01/2023 00:00"]), {}, ("row",))) == [
+        (1_672_531_200 + 86_400) * 10**9
+    ]
+    with pytest.raises(LogError, match=r"a\.nc: t: .* got '11/13/2018 03:00'"):
+        _times(Stored(np.array([b"11/12/2018 03:00", b"11/13/2018 03:00"]), {}, ("row",)))
+
+
 _TEXT = np.array([b"1", b"4", b"8"])
 _NUMBERS = np.array([1, 2, 3, 4, 9], np.int8)
 
