@@ -122,8 +122,10 @@ def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Pat
     """Return the input with a recorded name and hash."""
     name, _, digest = recorded.rpartition(" sha256:")
     others = []
-    for folder in folders:
-        if (path := folder / name).exists():
+    # a folder is an input too, as the segments of a glider
+    places = [path for folder in folders for path in (folder / name, folder) if path.name == name]
+    for path in places:
+        if path.exists():
             if file_hash(path) == digest:
                 return path
             others.append(str(path))

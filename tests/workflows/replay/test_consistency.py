@@ -245,6 +245,7 @@ def skipped(reason, used):
         (gated(5, 10), findings.MISFIT, ""),
         (gated(6, 9), ENSEMBLE, ""),
         (gated(8, 4), None, ""),
+        (gated(3, 3), ENSEMBLE, ""),
         (gated(0, 2), ENSEMBLE, ""),
         # most of one source, and both are named
         (refused(profiles=(100, 2), dac=(15, 14)), findings.PREFERRED, "the profiles"),
