@@ -199,3 +199,8 @@ def test_a_table_that_lacks_a_column_and_rows_without_a_time_are_named(tmp_path)
     log = rk.open_log(tmp_path / "b.csv")
     assert len([*rk.observations(log)]) == 12
     assert log.report().undecodable == {"/observations": (3, "row without a time or a place")}
+    rows.loc[:30, "time"] = ""
+    rows.to_csv(tmp_path / "b.csv", index=False)
+    verdict = rk.replay(tmp_path / "b.csv", _dataset(), settings=SETTINGS).outcome.verdict
+    assert verdict.word == "with care"
+    assert "31 rows on /observations were not used" in str(verdict)

@@ -33,6 +33,7 @@ _KEEPING = (
     ),
     ("heading is magnetic", "measurements.magnetic_declination"),
     ("velocity relative to the platform", "measurements.use_relative = true"),
+    ("cannot be decoded: row without a time or a place", "both, stated for each row,"),
 )
 # Kinds of measurements in words.
 _NAMES = {"dac": "mean currents of dives", "drift": "drifts at the surface"}
@@ -173,13 +174,16 @@ class Account:
                 f"{sum(late.values())} messages came up to {seconds} s later than others before them, more than "
                 f"the reorder window allows; logs.reorder_window = {seconds} keeps them"
             )
-        return ". ".join(
-            f"{count} of {row['read']} pings on {row['topic']} were not used: {reason.partition(';')[0]}; {setting} would keep them"
-            for row in rows
-            for reason, count in row["reasons"].items()
-            for begin, setting in _KEEPING
-            if reason.startswith(begin) and count > _MANY_LOST * row["read"]
-        )
+        lost = list[str]()
+        for row in rows:
+            for reason, count in row["reasons"].items():
+                what = f"{count} rows" if "row " in reason else f"{count} of {row['read']} pings"
+                lost += [
+                    f"{what} on {row['topic']} were not used: {reason.partition(';')[0]}; {setting} would keep them"
+                    for begin, setting in _KEEPING
+                    if reason.startswith(begin) and count > _MANY_LOST * row["read"]
+                ]
+        return ". ".join(lost)
 
     def part(self) -> dict[str, Any]:
         """Return the part of an outcome on messages and observations."""
