@@ -30,7 +30,7 @@ class Near:
         """The rows of a measurement, and of those at its place and time, with the error that they have beside the earlier ones."""
         group = [given, *others]
         found = [self.twin.rows(each, group if others else None) for each in group]
-        if not given.linear.at_one_place:
+        if not given.linear.at_one_place and len(given.linear.value) > 1:
             return found
         now = int(np.mean([each.time_ns for each in group]))
         if now > self.time_ns:
@@ -200,9 +200,20 @@ class Twin:
 
     def ratio(self, given):
         """The node near a measurement, and how large its error is beside that of what is measured of each level, on average."""
-        flow, place = self.flow, (given.longitude[0], given.latitude[0])
-        off = flow.nodes - np.array(to_local(flow.grid.projection, *place))
-        node = int(np.argmin(np.hypot(*off.T)))
+        flow, projection = self.flow, self.flow.grid.projection
+        if not given.at_one_place:
+            # of a mean along a path: near its middle
+            places = np.column_stack(to_local(projection, given.longitude, given.latitude))
+            near = [np.argmin(np.hypot(*(flow.nodes - place).T)) for place in places]
+            errors = [
+                np.interp(depth, flow.levels, flow.unknowns.error[:, node])
+                for depth, node in zip(given.depth, near, strict=True)
+            ]
+            middle = given.weights[0] @ places / given.weights[0].sum()
+            node = int(np.argmin(np.hypot(*(flow.nodes - middle).T)))
+            return node, float((given.weights[0] @ errors) ** 2 / self.noise(given)[0, 0])
+        place = to_local(projection, given.longitude[0], given.latitude[0])
+        node = int(np.argmin(np.hypot(*(flow.nodes - np.array(place)).T)))
         used = (given.flags <= 3) & np.isfinite(given.value).all(axis=1)
         used &= given.value_depth <= flow.levels[-1]
         weights = np.eye(given.depth.size) if given.weights is None else given.weights

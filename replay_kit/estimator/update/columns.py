@@ -117,7 +117,7 @@ class Column:
         design: shape (q, k), D at that time.
         axes: shape (c, a), measured components along the column's components.
         parts: Measurements by layout.
-        node: Node near its position; None along a path.
+        node: Node near its position, or the middle of the path of a mean; None of several sums along a path.
     """
 
     screened: Screened
@@ -370,16 +370,21 @@ class Observer:
         )
         between = depth_weights(_LINEAR, linear.depth, grid.levels)
         extra = np.sum(between * self.error(scale, nearest(grid, places, wet=True)).T, axis=1)
-        covariance = self._covariance(group, 0) + np.diag((weights @ extra) ** 2)
+        own, error = self._covariance(group, 0), weights @ extra
         relative = linear.reference == "relative"
-        layout = Layout.of(np.empty((n, 0)), np.eye(n), covariance, relative)
+        shared, node = 0.0, None
+        if n == 1:
+            # of one mean: a path's representation error is that near its middle
+            node = int(nearest(grid, weights @ places / weights.sum(), wet=True)[0])
+            shared = float(error[0] ** 2 / own[0, 0])
+        layout = Layout.of(np.empty((n, 0)), np.eye(n), own + np.diag(error**2), relative, shared)
         design = np.concatenate(rows)
         if self.extras is not None:
             more = np.tensordot(axes, self.extras.sums(weights, linear.depth, times), 1)
             design = np.hstack([design, more.reshape(len(design), -1)])
         about = values[:, used] - (axes @ known).T - np.array(mean).T
         part = Part(layout, np.zeros(1, np.intp), np.flatnonzero(used), about)
-        return Column(group, group.at, linear.time_ns, design, np.eye(len(axes)), (part,))
+        return Column(group, group.at, linear.time_ns, design, np.eye(len(axes)), (part,), node)
 
     def _covariance(self, group: Screened, i: int) -> Array:
         """Return the error covariance of the used values of one, shape (m, m) [m^2/s^2], without representation errors."""
