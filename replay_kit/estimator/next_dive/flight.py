@@ -23,8 +23,8 @@ from replay_kit.estimator.next_dive.process import (
 LEAST_EVIDENCE = 2.0
 # Dives that are left out at most: where there are more, those without which the evidence is least.
 _MOST_LEFT_OUT = 8
-# evidence of 384 settings is the same within half a nat where there is any
-_PROCESS = MeanCurrentProcess(ProcessSettings.drawn(128), outliers=True)
+# with other settings for an error than for none, chance among them alone is evidence of ten nats after 60 dives
+_PROCESS = MeanCurrentProcess(ProcessSettings.paired(64), outliers=True)
 # m/s; ways that differ by less may be one, each with the error of its mean current
 _TURNED = 0.1
 

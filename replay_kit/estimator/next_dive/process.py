@@ -121,6 +121,13 @@ class ProcessSettings:
             np.array([[cos * major, -sin * minor], [sin * major, cos * minor]]).transpose(2, 0, 1),
         )
 
+    @classmethod
+    def paired(cls, count: int) -> "ProcessSettings":
+        """Return drawn settings, each with every size of the flight model's error: what differs between them is that error alone."""
+        drawn, sizes = cls.drawn(count), _LEVELS[5]
+        each = {name: np.repeat(getattr(drawn, name), len(sizes), axis=0) for name in cls.__slots__}
+        return cls(**each | {"flight": np.tile(sizes, count)})
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessState:

@@ -79,10 +79,26 @@ def test_an_error_is_believed_once_no_single_dive_is_needed_for_it():
     assert states[-1].dives == 8
 
 
+@pytest.mark.parametrize("seed", [2, 5])
+def test_a_glider_that_holds_station_with_a_sound_flight_model_shows_no_error(seed):
+    """Its way is against the current, so that chance among the settings of the current looks like an error of the model."""
+    rng, place, changing, state = np.random.default_rng(seed), 0j, 0j, FlightBias()
+    steady = 0.08 * complex(*rng.normal(size=2))
+    for k in range(40):
+        changing = 0.95 * changing + 0.02 * complex(*rng.normal(size=2))
+        way = -steady - changing - place / (4 * HOUR)
+        way *= min(1.0, 0.25 / abs(way))
+        mean = steady + changing + 0.01 * complex(*rng.normal(size=2))
+        place += 3 * HOUR * (steady + changing + way)
+        parts = [np.array([part.real, part.imag]) for part in (way, mean)]
+        state = state.after(DiveMean(int(4e9 * k * HOUR), 3 * HOUR, *parts, None))
+    assert state.evidence < LEAST_EVIDENCE
+
+
 def test_the_evidence_counts_without_the_dive_on_which_it_rests():
     given = dives(5, 0.5)
     found = after(given)[-1]
-    model = MeanCurrentProcess(ProcessSettings.drawn(128), outliers=True)
+    model = MeanCurrentProcess(ProcessSettings.paired(64), outliers=True)
     least = []
     for left_out in (None, *range(5)):
         state = model.initial()
