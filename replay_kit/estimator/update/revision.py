@@ -96,7 +96,7 @@ class Evidence:
         return with_mean(x, p, self.parts.sample, centre), p, partial(self._stated, state)
 
     def _stated(self, state: State) -> float:
-        return max(1.0, self._scale(state))
+        return max(1.0, self._scale(state)) * _of_few(self.parts.members)
 
     def _scale(self, state: State) -> float:
         """Return the most probable factor on the prior variance of members and local directions for a state."""
@@ -143,6 +143,16 @@ class Evidence:
         times = [column.time_ns for column in columns]
         latest = max(times if state.time_ns is None else [*times, state.time_ns])
         return replace(max(found, key=lambda each: each[0])[1], time_ns=latest)
+
+
+def _of_few(members: int) -> float:
+    """Return the factor on variances away from the log, where few members do not span what is there; 1 from 20 members on.
+
+    Of what is drawn like E members the variance, given them, is (1 + 1/E) (E - 1) / (E - 3) times theirs (Student's distribution). That of
+    20, for which variances were found to hold, is the measure.
+    """
+    of, usual = ((1.0 + 1.0 / n) * (n - 1.0) / (n - 3.0) for n in (max(members, 4), 20))
+    return max(1.0, of / usual)
 
 
 def noted(state: State, updates: list[Update]) -> State:

@@ -110,7 +110,7 @@ def is_background(path: Path) -> bool:
 
 
 class Elsewhere(str):
-    """Note that a forecast is not of the log's place or time."""
+    """Note on a forecast that is a reason of the verdict: of another place or time, or of too few members."""
 
     __slots__ = ()
 

@@ -20,7 +20,7 @@ from replay_kit.core.observation.evidence import Evidence
 from replay_kit.core.region import bounds_of
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.estimator import HARDLY
-from replay_kit.forecast.members.rules import Elsewhere
+from replay_kit.forecast.members.rules import WARNING, Elsewhere
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
 from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.outcome.parts import (
@@ -204,7 +204,11 @@ def found_of(
         "notes": account.notes() + of.publishing.surface.notes + of.notes,
         "consistency": [*map(finding_json, findings)],
         "doubts": blind,
-        "outside": [note for note in inputs.forecasts.notes if isinstance(note, Elsewhere)],
+        "outside": [
+            note.removeprefix(WARNING)
+            for note in inputs.forecasts.notes
+            if isinstance(note, Elsewhere)
+        ],
         "flight_correction": correction_part(of.flight.correction(of.counts.corrections)),
     }
 
