@@ -97,6 +97,21 @@ def test_errors_are_as_large_as_stated_where_nothing_was_measured(made):
     assert 0.75 < np.mean(squares) < 1.3
 
 
+def test_errors_that_persist_from_bin_to_bin_though_stated_as_independent_reject_no_profile(made):
+    it, depths, taken = made(gate_probability=1e-5), np.arange(8.0, 280.0, 2.0), []
+    alike = np.linalg.cholesky(np.exp(-np.abs(depths[:, None] - depths) / 30.0))
+    for number, truth in enumerate(truths(it, 16, 11)):
+        rng, state = np.random.default_rng(number), it.initial()
+        for k in range(6):
+            lon, lat, _ = places(rng.uniform(-3e4, 3e4, 2), HERE)
+            v = truth.velocity_at(lon, lat, depths)
+            u, v = np.stack([v.u, v.v]) + 0.05 * (alike @ rng.standard_normal((depths.size, 2))).T
+            seen = rk.Observation.profile(k, float(lon), float(lat), depths, u, v, 0.05)
+            state, (step,) = it.assimilate(state, [seen])
+            taken.append(step.innovation.accepted)
+    assert np.mean(taken) > 0.95
+
+
 def test_errors_hold_where_many_profiles_share_a_current_that_the_forecast_cannot_resolve(made):
     """A vessel's pings at 1 Hz, all in one cell: their gradient is as much that of an eddy smaller than a cell."""
     it, rng, squares = made(gate_probability=1e-5, unresolved=0.03), np.random.default_rng(9), []

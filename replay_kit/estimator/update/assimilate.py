@@ -59,7 +59,11 @@ class Judgements:
 
 
 def judged(
-    innovation: Array, covariance: Array, residual: tuple[Array, int], probability: float | None
+    innovation: Array,
+    covariance: Array,
+    residual: tuple[Array, int],
+    probability: float | None,
+    persistence: Array | float = 1.0,
 ) -> Judgements:
     """Return the gate decisions on measurements of one layout.
 
@@ -70,6 +74,7 @@ def judged(
         covariance: shape (m, m), covariance of their prediction.
         residual: Residual squares of the compression, shape (n,), and their degrees of freedom.
         probability: Probability that valid measurements exceed the gate; None accepts all with their stated errors.
+        persistence: Factors on error variances, shape (n,), of errors that persist from bin to bin.
     """
     square, left = residual
     n, rows = innovation.shape
@@ -78,6 +83,7 @@ def judged(
         threshold = quantile(probability, rows)
         if left:
             scale = np.where(square > quantile(probability, left), square / left, 1.0)
+        scale = scale * persistence
     of_rows = _normalised(innovation, covariance, 1.0)
     statistic = of_rows.copy()
     for i in np.flatnonzero(scale != 1.0).tolist():
@@ -203,7 +209,8 @@ class _Block:
         """
         before, covariance = self.mean[at].copy(), self.covariance[at, at].copy()
         seen = [
-            _Seen(column.rows(part), *column.compressed(part), part.at) for part in column.parts
+            _Seen(column.rows(part), *column.compressed(part), part.at, column.persistence(part))
+            for part in column.parts
         ]
         judgements = _judgements(seen, len(column.at), before, covariance, probability)
         weights = np.where(judgements.accepted, 1.0 / judgements.error_factor, 0.0)
@@ -279,6 +286,7 @@ class _Seen(NamedTuple):
         square: shape (n,), residual square of the compression.
         left: Degrees of freedom of this residual.
         at: shape (n,), indices among the column's measurements.
+        persistence: shape (n,), factors on error variances, see ``Column``.
     """
 
     rows: Array
@@ -286,6 +294,7 @@ class _Seen(NamedTuple):
     square: Array
     left: int
     at: Indices
+    persistence: Array
 
 
 def _judgements(
@@ -298,6 +307,7 @@ def _judgements(
             one.rows @ covariance @ one.rows.T,
             (one.square, one.left),
             probability,
+            one.persistence,
         )
         for one in seen
     ]

@@ -33,6 +33,9 @@ _REMEMBERED = 64
 
 # Share of the largest singular value of W J below which one is rounding.
 _ROUNDING = 1e-10
+# Values beyond the functions of depth from which on the correlation of neighbours is looked at, its standard deviations by chance, and the
+# most of it that counts.
+_LEAST_LEFT, _CHANCE, _MOST_ALIKE = 16, 4.3, 0.995
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +151,24 @@ class Column:
         y = (part.layout.q.T @ whitened).swapaxes(1, 2).reshape(len(whitened), -1)
         left = np.sum(whitened**2, axis=(1, 2)) - np.sum(y**2, axis=1)
         return y, np.maximum(left, 0.0), whitened[0].size - y.shape[1]
+
+    @staticmethod
+    def persistence(part: Part) -> Array:
+        """Return the factor on error variances of errors that persist from bin to bin, stated as independent, shape (n,).
+
+        With r the correlation of neighbours in what the functions of depth leave, a slow variation has (1 + r) / (1 - r) times the variance
+        (AR(1)); 1 where r may be chance.
+        """
+        layout = part.layout
+        number = (len(layout.q) - layout.q.shape[1]) * part.about.shape[2]
+        if number < _LEAST_LEFT:
+            return np.ones(len(part.about))
+        whitened = layout.whiten @ part.about
+        left = whitened - layout.q @ (layout.q.T @ whitened)
+        products = np.sum(left[:, 1:] * left[:, :-1], axis=(1, 2))
+        r = products / np.maximum(np.sum(left**2, axis=(1, 2)), 1e-300)
+        slow = (1.0 + r) / (1.0 - np.minimum(r, _MOST_ALIKE))
+        return np.where(r > _CHANCE / np.sqrt(number), slow, 1.0)
 
     def misfit(self, column: Array) -> Array:
         """Return measured minus predicted values along the column's components, shape (..., n, m, a) [m/s]; NaN where not used.
