@@ -172,7 +172,7 @@ def _squares(column: Column) -> Array:
     """Return the squares of measured minus each unknown's current over the errors, shape (k,)."""
     total = np.zeros(column.design.shape[1])
     for part in column.parts:
-        (y,), (left,), _ = column.compressed(part)
+        (y,), (left,), *_ = column.compressed(part)
         total += np.square(y[:, None] - column.rows(part) @ column.design).sum(axis=0) + left
     return total
 

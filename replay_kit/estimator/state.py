@@ -131,5 +131,6 @@ def predict(state: State, tau: Array, time_ns: int) -> State:
     p = np.asfortranarray((state.p * kept[:, None]) * kept)
     p[np.diag_indices_from(p)] += 1.0 - kept**2
     after = state.with_moments(kept * state.x, p)
-    seen = {node: each * float(kept.min()) for node, each in state.seen.items()}
+    least = float(kept.min())
+    seen = {node: each * least for node, each in state.seen.items()}
     return replace(after, gains=state.gains * kept, time_ns=time_ns, seen=seen)

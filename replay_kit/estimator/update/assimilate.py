@@ -209,8 +209,7 @@ class _Block:
         """
         before, covariance = self.mean[at].copy(), self.covariance[at, at].copy()
         seen = [
-            _Seen(column.rows(part), *column.compressed(part), part.at, column.persistence(part))
-            for part in column.parts
+            _Seen(column.rows(part), *column.compressed(part), part.at) for part in column.parts
         ]
         judgements = _judgements(seen, len(column.at), before, covariance, probability)
         weights = np.where(judgements.accepted, 1.0 / judgements.error_factor, 0.0)
@@ -221,9 +220,9 @@ class _Block:
         # together tell as much as n / (1 + n r) without it. With S the sum of the ratios so far, and S + s that with those of a column,
         # w_i is multiplied by (1 + r_i) / ((1 + S) (1 + S + s)), which is 1 for the first. The gate takes each as if it were alone.
         if column.node is not None:
-            before_it = self.seen.get(column.node, 0.0)
-            after_it = before_it + float(weights @ column.shared)
-            weights = weights * (1.0 + column.shared) / ((1.0 + before_it) * (1.0 + after_it))
+            before_it, shared = self.seen.get(column.node, 0.0), column.shared
+            after_it = before_it + float(weights @ shared)
+            weights = weights * (1.0 + shared) / ((1.0 + before_it) * (1.0 + after_it))
             self.seen = {**self.seen, column.node: after_it}
         rows, y, residual = combined(seen, weights)
         m, left = len(rows), slice(at.start, None)
@@ -285,16 +284,16 @@ class _Seen(NamedTuple):
         y: shape (n, m), values.
         square: shape (n,), residual square of the compression.
         left: Degrees of freedom of this residual.
+        persistence: shape (n,), factors on error variances, see ``Column.compressed``.
         at: shape (n,), indices among the column's measurements.
-        persistence: shape (n,), factors on error variances, see ``Column``.
     """
 
     rows: Array
     y: Array
     square: Array
     left: int
-    at: Indices
     persistence: Array
+    at: Indices
 
 
 def _judgements(
@@ -365,7 +364,7 @@ def scale_jacobian(update: Update) -> float:
     """
     column, total = update.column, 0.0
     for part in column.parts:
-        rows, (y, _, _) = column.rows(part), column.compressed(part)
+        rows, (y, *_) = column.rows(part), column.compressed(part)
         of_rows, layout = rows @ update.covariance @ rows.T, part.layout
         of_one = np.kron(
             np.eye(len(column.axes)), (layout.q.T @ layout.whiten.sum(axis=1))[:, None]

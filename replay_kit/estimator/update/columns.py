@@ -145,30 +145,17 @@ class Column:
         return blocks.reshape(-1, self.axes.shape[1] * blocks.shape[3])
 
     @staticmethod
-    def compressed(part: Part) -> tuple[Array, Array, int]:
-        """Return rows of unit noise, shape (n, c p), the residual squares of the compression, shape (n,), and their degrees of freedom."""
-        whitened = part.layout.whiten @ part.about
-        y = (part.layout.q.T @ whitened).swapaxes(1, 2).reshape(len(whitened), -1)
-        left = np.sum(whitened**2, axis=(1, 2)) - np.sum(y**2, axis=1)
-        return y, np.maximum(left, 0.0), whitened[0].size - y.shape[1]
-
-    @staticmethod
-    def persistence(part: Part) -> Array:
-        """Return the factor on error variances of errors that persist from bin to bin, stated as independent, shape (n,).
-
-        With r the correlation of neighbours in what the functions of depth leave, a slow variation has (1 + r) / (1 - r) times the variance
-        (AR(1)); 1 where r may be chance.
-        """
-        layout = part.layout
-        number = (len(layout.q) - layout.q.shape[1]) * part.about.shape[2]
-        if number < _LEAST_LEFT:
-            return np.ones(len(part.about))
-        whitened = layout.whiten @ part.about
-        left = whitened - layout.q @ (layout.q.T @ whitened)
-        products = np.sum(left[:, 1:] * left[:, :-1], axis=(1, 2))
-        r = products / np.maximum(np.sum(left**2, axis=(1, 2)), 1e-300)
-        slow = (1.0 + r) / (1.0 - np.minimum(r, _MOST_ALIKE))
-        return np.where(r > _CHANCE / np.sqrt(number), slow, 1.0)
+    def compressed(part: Part) -> tuple[Array, Array, int, Array]:
+        """Return rows of unit noise, shape (n, c p), residual squares of the compression, their degrees of freedom, ``_persistence``."""
+        whitened, q = part.layout.whiten @ part.about, part.layout.q
+        held = q.T @ whitened
+        y = held.swapaxes(1, 2).reshape(len(whitened), -1)
+        left, number = np.sum(whitened**2, axis=(1, 2)) - np.sum(y**2, axis=1), whitened[0].size
+        number -= y.shape[1]
+        factors = np.ones(len(y))
+        if number >= _LEAST_LEFT:
+            factors = _persistence(whitened - q @ held, number)
+        return y, np.maximum(left, 0.0), number, factors
 
     def misfit(self, column: Array) -> Array:
         """Return measured minus predicted values along the column's components, shape (..., n, m, a) [m/s]; NaN where not used.
@@ -222,6 +209,21 @@ class Column:
         for part, values in zip(self.parts, each, strict=True):
             out[..., part.at[:, None], part.used, :] = values
         return out
+
+
+def _persistence(left: Array, number: int) -> Array:
+    """Return the factor on error variances of errors that persist from bin to bin, though stated as independent, shape (n,).
+
+    With r the correlation of neighbours, a slow variation has (1 + r) / (1 - r) times the variance (AR(1)); 1 where r may be chance.
+
+    Args:
+        left: shape (n, w, c), what the functions of depth leave of whitened values.
+        number: Its degrees of freedom.
+    """
+    products = np.sum(left[:, 1:] * left[:, :-1], axis=(1, 2))
+    r = products / np.maximum(np.sum(left**2, axis=(1, 2)), 1e-300)
+    slow = (1.0 + r) / (1.0 - np.minimum(r, _MOST_ALIKE))
+    return np.where(r > _CHANCE / np.sqrt(number), slow, 1.0)
 
 
 # Not slotted: what all measurements need is made once.

@@ -35,7 +35,7 @@ def columns(observer, measurements, scale=1.0):
 
 def said(column):
     (part,) = column.parts
-    (y,), (left,), dof = column.compressed(part)
+    (y,), (left,), dof, _ = column.compressed(part)
     rows = column.rows(part) @ column.design
     return rows.T @ rows, rows.T @ y, y @ y + left, dof, part.layout.half_log_det
 
