@@ -15,6 +15,12 @@ from replay_kit.core.words.text import time_text
 Severity = Literal["warning", "misfit", "inconsistent", "unusable"]
 
 
+class Caveat(str):
+    """Note that is a reason against the verdict ``trust``, as on a forecast of another place or time."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """A failed check: two inputs that contradict each other.

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from replay_kit.core.arrays import Array, replace
+from replay_kit.core.errors import Caveat
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.process import Unknowns
 from replay_kit.core.grid import Grid
@@ -37,9 +38,6 @@ _SPAN = 0.001
 # Observations late by no more count at the state's time: pings wait for the position after them, other measurements do not.
 _LATE_NS = 1_200_000_000_000
 _NS = 1e9
-
-#: End of the note on a prior that was far too narrow.
-HARDLY = "the ensemble hardly covers this current"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -275,7 +273,8 @@ class ReducedBasisEstimator(Estimator[State]):
         extras, found = self.observer.extras, list[str]()
         if state.scale != 1.0:
             words = f"the variance of the ensemble was multiplied by {float(f'{state.scale:.2g}'):g}, as the measurements show"
-            found.append(f"{words}; {HARDLY}" if state.scale > 4.0 else words)
+            hardly = Caveat(f"{words}; the ensemble hardly covers this current")
+            found.append(hardly if state.scale > 4.0 else words)
         if extras is None:
             return found
         last = slice(self.observer.size - extras.std.size, None)

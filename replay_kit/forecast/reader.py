@@ -8,7 +8,7 @@ import numpy as np
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Times
-from replay_kit.core.errors import ForecastError
+from replay_kit.core.errors import Caveat, ForecastError
 from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.words.text import place_text
@@ -20,7 +20,6 @@ from replay_kit.forecast.grids.layout import Layout, U
 from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import (
     MADE,
-    Elsewhere,
     MemberRule,
     common_water,
     parse_rule,
@@ -219,7 +218,7 @@ def read_selections(
     placed = []
     if place_at is not None:
         centre = f"its centre is at {place_text(*place_at)}"
-        placed = [Elsewhere(f"the ensemble was moved: not a forecast for this region; {centre}")]
+        placed = [Caveat(f"the ensemble was moved: not a forecast for this region; {centre}")]
     series, filled = list[Ensemble](), 0
     for one, each, count in zip(selections, by_time, counts, strict=True):
         members = velocity[filled : filled + count]

@@ -6,14 +6,13 @@ import numpy as np
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Times
-from replay_kit.core.errors import ForecastError
+from replay_kit.core.errors import Caveat, ForecastError
 from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import (
     MADE,
-    Elsewhere,
     parse_rule,
     without_copies,
 )
@@ -65,7 +64,7 @@ def read_series(
         days = f"{outside / _DAY_NS:.1f} days"
         notes.insert(
             0,
-            Elsewhere(
+            Caveat(
                 f"the log begins {days} outside the forecast's times: the nearest of them holds there"
             ),
         )

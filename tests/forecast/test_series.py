@@ -7,9 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from replay_kit.config.run import ForecastConfig, load_config
-from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.errors import Caveat, ConfigError, ForecastError
 from replay_kit.forecast import read_series
-from replay_kit.forecast.members.rules import Elsewhere
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from tests import synthetic
 from tests.forecast import forms
@@ -84,7 +83,7 @@ def test_a_log_far_from_the_forecast_is_said(of_reference, days, words):
     path, near_ns = of_reference("2020-01-01"), START + days * DAY
     first = read_series(path, ForecastConfig(), near_ns=near_ns)[0]
     assert noted(first, f"{words} outside" if words else "outside") == bool(words)
-    assert any(isinstance(note, Elsewhere) for note in first.notes) == bool(words)
+    assert any(isinstance(note, Caveat) for note in first.notes) == bool(words)
 
 
 def test_the_same_time_twice_and_land_that_changes_are_refused(tmp_path):

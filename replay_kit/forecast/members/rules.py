@@ -109,12 +109,6 @@ def is_background(path: Path) -> bool:
     return bool(_BACKGROUND.match(path.name))
 
 
-class Elsewhere(str):
-    """Note on a forecast that is a reason of the verdict: of another place or time, or of too few members."""
-
-    __slots__ = ()
-
-
 #: Beginning of the notes that say that something is probably wrong.
 WARNING = "WARNING: "
 _DUPLICATES = f"{WARNING}duplicate members"

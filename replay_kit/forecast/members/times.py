@@ -9,11 +9,11 @@ import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array, Times
-from replay_kit.core.errors import ForecastError
+from replay_kit.core.errors import Caveat, ForecastError
 from replay_kit.core.words.quantities import parse_time, seconds
 from replay_kit.forecast.field import PRODUCT, Field
 from replay_kit.forecast.files import undated
-from replay_kit.forecast.members.rules import Elsewhere, MemberRule
+from replay_kit.forecast.members.rules import MemberRule
 from replay_kit.forecast.names import find_dimension, find_lead, find_time
 
 _STARTS = ("forecast_reference_time", "reference_time", "init_time", "run")
@@ -148,7 +148,7 @@ def _notes(time_ns: int, near_ns: int | None, among: str) -> list[str]:
     if abs(days) > 1.0:
         side = "before" if days > 0 else "after"
         words = f"{note}, {abs(days):.1f} days {side} the log begins: the log lies outside its time"
-        return [Elsewhere(words)]
+        return [Caveat(words)]
     return [f"{note}, {among}"] if among else []
 
 

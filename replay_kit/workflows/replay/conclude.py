@@ -1,7 +1,7 @@
 """End of a replay: outcome, estimate, and score against a truth."""
 
 import json
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN
-from replay_kit.core.errors import MeasurementError, finding_json
+from replay_kit.core.errors import Caveat, MeasurementError, finding_json
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
@@ -19,8 +19,7 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation.evidence import Evidence
 from replay_kit.core.region import bounds_of
 from replay_kit.estimator import embed_member
-from replay_kit.estimator.estimator import HARDLY
-from replay_kit.forecast.members.rules import WARNING, Elsewhere
+from replay_kit.forecast.members.rules import WARNING
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
 from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.outcome.parts import (
@@ -63,7 +62,6 @@ def conclude(
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
     remarks = estimator.remarks(run.current)
-    narrow = [text for text in remarks if text.endswith(HARDLY)]
     no_goal = "no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"
     # biases are one instrument's
     notes = [
@@ -74,7 +72,7 @@ def conclude(
     ]
     notes = [*notes, *values["notes"]] if job.vehicles else [*values["notes"], *notes]
     notes = [*inputs.forecasts.notes, *notes]
-    values = {**values, "notes": notes, "outside": [*values["outside"], *narrow]}
+    values = {**values, "notes": notes, "outside": [*values["outside"], *_caveats(remarks)]}
     outcome = made(values, (*job.logs, *job.forecasts))
     with run.clock.stage("write"):
         _write(run, inputs, outcome, found, flow, windows)
@@ -179,6 +177,11 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
     return useless
 
 
+def _caveats(notes: Iterable[str]) -> list[str]:
+    """Return the notes that are reasons of the verdict."""
+    return [note.removeprefix(WARNING) for note in notes if isinstance(note, Caveat)]
+
+
 def found_of(
     of: OfVehicle,
     account: Account,
@@ -204,11 +207,7 @@ def found_of(
         "notes": account.notes() + of.publishing.surface.notes + of.notes,
         "consistency": [*map(finding_json, findings)],
         "doubts": blind,
-        "outside": [
-            note.removeprefix(WARNING)
-            for note in inputs.forecasts.notes
-            if isinstance(note, Elsewhere)
-        ],
+        "outside": _caveats(inputs.forecasts.notes),
         "flight_correction": correction_part(of.flight.correction(of.counts.corrections)),
     }
 

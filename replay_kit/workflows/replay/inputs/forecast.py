@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.errors import Caveat, ConfigError, ForecastError
 from replay_kit.core.files.paths import Paths
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
@@ -22,7 +22,7 @@ from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.forecast.grids.horizontal import in_frame
 from replay_kit.forecast.members.collection import Collection
-from replay_kit.forecast.members.rules import WARNING, Elsewhere
+from replay_kit.forecast.members.rules import WARNING
 from replay_kit.workflows.replay.inputs.region import FoundRegion, estimator_asked
 
 #: Name of the project's own estimator; the others are baselines.
@@ -184,7 +184,7 @@ def _too_few(config: RunConfig, n_members: int) -> tuple[str, ...]:
     if own.name != OWN or n_members >= _LEAST_MEMBERS or stated:
         return ()
     return (
-        Elsewhere(
+        Caveat(
             f"{WARNING}{n_members} members are too few to state errors, expected {_LEAST_MEMBERS} or more; "
             "set estimator.representation_error_std [m/s], such as to the RMS innovation that this replay prints"
         ),
