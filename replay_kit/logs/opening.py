@@ -28,7 +28,7 @@ _FIRST_COLUMNS = b"timestamp", b"pld_realtimeclock"
 
 @dataclass(frozen=True, slots=True)
 class LogFormat:
-    """Log format. Functions are given as ``module:name``, imported on demand.
+    """Log format. Functions are given as ``module:name``, imported on demand; a module of this room begins with a point.
 
     Attributes:
         name: Name in ``info``; a reader may be more specific.
@@ -87,7 +87,7 @@ FORMATS = (
     LogFormat(
         "mcap",
         "an MCAP file",
-        "mcap.reader:McapReader",
+        ".mcap.reader:McapReader",
         magic=rb"\x89MCAP0\r\n",
         endings=r".*\.mcap",
         grows=True,
@@ -95,7 +95,7 @@ FORMATS = (
     LogFormat(
         "netcdf",
         "a NetCDF file of a glider, an HF radar, drifters or pings",
-        "netcdf.dialects:logs_of_columns",
+        ".netcdf.dialects:logs_of_columns",
         magic=rb"CDF[\x01\x02\x05]|\x89HDF",
         endings=r".*\.(nc|nc4|cdf)",
         unchecked=_VALUES,
@@ -104,7 +104,7 @@ FORMATS = (
     LogFormat(
         "seaexplorer",
         "a SeaExplorer's file",
-        "netcdf.dialects:logs_of_seaexplorers",
+        ".netcdf.dialects:logs_of_seaexplorers",
         recognises=is_seaexplorer,
         endings=r".*\.(gli|pld1)(\.(sub|raw|all))?(\.\d+)?(\.gz)?",
         unchecked=_VALUES,
@@ -113,7 +113,7 @@ FORMATS = (
     LogFormat(
         "slocum",
         "a Slocum's binary file (.dbd, .sbd)",
-        "slocum.reader:logs_of_slocums",
+        ".slocum.reader:logs_of_slocums",
         # as it is, or in the first block of a compressed file
         magic=rb"(?s:.{3,5})?dbd_label:",
         endings=r".*\.[demnst][bc]d",
@@ -124,7 +124,7 @@ FORMATS = (
     LogFormat(
         "ad2cp",
         "a raw file of Nortek's ADCPs (AD2CP)",
-        "adcp.reader:open_raw_adcp",
+        ".adcp.reader:open_raw_adcp",
         magic=rb"\xa5[\x0a\x0c]",
         endings=r".*\.ad2cp",
         grows=True,
@@ -132,7 +132,7 @@ FORMATS = (
     LogFormat(
         "radials",
         "radials of an HF radar (LLUV)",
-        "netcdf.radials:logs_of_radials",
+        ".netcdf.radials:logs_of_radials",
         magic=rb"%CTF:",
         endings=r".*\.ruv",
         unchecked=_VALUES,
@@ -141,8 +141,8 @@ FORMATS = (
     LogFormat(
         "dataflash",
         "a DataFlash log (.BIN)",
-        "mavlink.dataflash:DataflashReader",
-        recognises="mavlink.dataflash:is_dataflash",
+        ".mavlink.dataflash:DataflashReader",
+        recognises=".mavlink.dataflash:is_dataflash",
         endings=r".*\.bin",
         unchecked="records of a DataFlash log",
         grows=True,
@@ -150,7 +150,7 @@ FORMATS = (
     LogFormat(
         "table",
         "a table of pings or drifters (CSV)",
-        "netcdf.dialects:logs_of_tables",
+        ".netcdf.dialects:logs_of_tables",
         recognises=_is_csv,
         unchecked=_VALUES,
         grouped=True,
@@ -158,8 +158,8 @@ FORMATS = (
     LogFormat(
         "tlog",
         "a MAVLink telemetry log (.tlog)",
-        "mavlink.reader:TlogReader",
-        recognises="mavlink.frames:is_tlog",
+        ".mavlink.reader:TlogReader",
+        recognises=".mavlink.frames:is_tlog",
         endings=r".*\.tlog",
         unchecked="stamps of frames",
         grows=True,
@@ -167,10 +167,10 @@ FORMATS = (
     LogFormat(
         "pd0",
         "a raw file of Teledyne's ADCPs (PD0)",
-        "adcp.reader:open_raw_adcp",
+        ".adcp.reader:open_raw_adcp",
         # a packet of waves may come before the first ensemble
         magic=rb"\x7f[\x7f\x79]",
-        recognises="adcp.frames:holds_ensemble",
+        recognises=".adcp.frames:holds_ensemble",
         endings=r".*\.(pd0|enx|ens|000)",
         grows=True,
     ),
@@ -352,12 +352,7 @@ def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:
     if callable(named):
         return named
     module, name = named.split(":")
-    try:
-        held = import_module(f"replay_kit.logs.{module}")
-    except ModuleNotFoundError:
-        # of another package
-        held = import_module(module)
-    found: Callable[..., Any] = getattr(held, name)
+    found: Callable[..., Any] = getattr(import_module(module, "replay_kit.logs"), name)
     return found
 
 
