@@ -143,7 +143,7 @@ class PlannerConfig(Section):
         least, most = self.min_angle or _MIN_ANGLE, self.max_angle or _MAX_ANGLE
         if least > most:
             raise ValueError(f"min_angle {least:g} is above max_angle {most:g}; give them in order")
-        fastest = float(str(self.speed or 0.0).rpartition(":")[2])
+        fastest = _ends(self.speed)[1] if isinstance(self.speed, str) else self.speed or 0.0
         if fastest > _FASTEST:
             raise ValueError(f"speed: expected up to {_FASTEST:g} m/s, got {fastest:g}; in cm/s?")
         if isinstance(self.speed, str) and not self.thrust:

@@ -114,8 +114,13 @@ def to_time_ns(time: Any) -> "NDArray[np.int64]":
     return np.array([parse_time(text) for text in texts], dtype=np.int64).reshape(values.shape)
 
 
-def measured_at(time: Any, what: str) -> "NDArray[np.int64]":
+def measured_at(time: Any, what: str, least_ns: int = 0) -> "NDArray[np.int64]":
     """Return times of measurements as ``to_time_ns``, with a check of their unit.
+
+    Args:
+        time: See ``to_time_ns``.
+        what: Name of the times in errors.
+        least_ns: Least whole number that is a time; smaller ones count something else, as rows.
 
     Raises:
         ConfigError: A value is no time or seems to be in another unit; the message begins with ``what``.
@@ -124,9 +129,13 @@ def measured_at(time: Any, what: str) -> "NDArray[np.int64]":
         time_ns = to_time_ns(time)
     except ConfigError as error:
         raise ConfigError(f"{what}: {error}") from error
-    if unit := unit_of_clock(time_ns):
+    import numpy as np
+
+    unit = unit_of_clock(time_ns)
+    if unit or (np.asarray(time).dtype.kind in "iu" and (time_ns < least_ns).any()):
+        got = f"what would be {unit}" if unit else time_ns.min()
         raise ConfigError(
-            f"{what}: expected nanoseconds since 1970 (UTC), got what would be {unit}; give text, datetime64 or nanoseconds"
+            f"{what}: expected nanoseconds since 1970 (UTC), got {got}; give text, datetime64 or nanoseconds"
         )
     return time_ns
 

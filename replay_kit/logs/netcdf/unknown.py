@@ -71,12 +71,8 @@ def profiles_in_memory(
     table, chosen = _chosen(NetcdfFile(Path(name), {}, variables, ()), asked)
     time = table.variables[chosen["time"]]
     if " since " not in time.units:
-        time_ns = measured_at(time.values, what := f"{name}['{chosen['time']}']")
-        # dates of earlier years are stated as such; whole numbers so small count something else, as rows
-        if time.values.dtype.kind in "iu" and (time_ns < EARLIEST_NS).any():
-            raise ConfigError(
-                f"{what}: expected nanoseconds since 1970 (UTC), got {time_ns.min()}; give text, datetime64 or nanoseconds"
-            )
+        # dates of earlier years are stated as such
+        time_ns = measured_at(time.values, f"{name}['{chosen['time']}']", EARLIEST_NS)
         dated = {chosen["time"]: Stored(time_ns.astype("M8[ns]"), {}, time.dims)}
         table = replace(table, variables={**table.variables, **dated})
     return profiles_of(table, asked, notes)
