@@ -4,47 +4,17 @@ import argparse
 import json
 from collections.abc import Callable
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import (
-    atsea,
-    dives,
-    estimator,
-    faults,
-    forecasts,
-    front,
-    logs,
-    longlogs,
-    pages,
-    pings,
-    planners,
-    safety,
-    size,
-    start,
-    windows,
-)
 from tests.benchmarks.measure import environment, limits
 
-_MODULES = (
-    atsea,
-    dives,
-    estimator,
-    faults,
-    forecasts,
-    front,
-    logs,
-    longlogs,
-    pages,
-    pings,
-    planners,
-)
-_MODULES += (safety, size, start, windows)
+_NAMES = "atsea dives estimator faults forecasts front logs long pages pings planners safety size start windows"
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
-    module.__name__.rpartition(".")[2].replace("longlogs", "long"): module.rows
-    for module in _MODULES
+    name: import_module(f"tests.benchmarks.{name}").rows for name in _NAMES.split()
 }
 
 
@@ -66,7 +36,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--count", type=int, default=300, help="missions of safety")
     options = parser.parse_args(arguments)
     names = options.names or list(BENCHMARKS)
-    benchmarks = BENCHMARKS | {"safety": partial(safety.rows, count=options.count)}
+    benchmarks = BENCHMARKS | {"safety": partial(BENCHMARKS["safety"], count=options.count)}
     with threadpool_limits(options.threads):
         result = {
             "limits": limits(options.tiny),

@@ -57,6 +57,16 @@ def profile(truth, rng, noise=0.05, stated=0.05, number=0):
     return rk.Observation.profile(number, float(lon), float(lat), DEPTHS, u, v, stated)
 
 
+def squares_of_errors(flow, truth, rng):
+    """Mean squares of errors over standard errors at random places, east and north."""
+    lon, lat, _ = places(rng.uniform(-3e4, 3e4, (6, 2)), HERE)
+    got, true = (each.velocity_at(lon, lat, 100.0) for each in (flow, truth))
+    return [
+        np.mean(((got.u - true.u) / got.u_standard_error) ** 2),
+        np.mean(((got.v - true.v) / got.v_standard_error) ** 2),
+    ]
+
+
 def test_the_gate_stops_as_many_as_it_says(made):
     p, it, rng = 0.06, made(gate_probability=0.06), np.random.default_rng(5)
     drawn = [profile(truth, rng) for truth in truths(it, 100, 5) for _ in range(3)]
@@ -88,12 +98,7 @@ def test_errors_are_as_large_as_stated_where_nothing_was_measured(made):
         state = it.initial()
         for number in range(4):
             state, _ = it.assimilate(state, [profile(truth, rng, number=number)])
-        lon, lat, _ = places(rng.uniform(-3e4, 3e4, (6, 2)), HERE)
-        got, true = (each.velocity_at(lon, lat, 100.0) for each in (it.flow(state), truth))
-        squares += [
-            np.mean(((got.u - true.u) / got.u_standard_error) ** 2),
-            np.mean(((got.v - true.v) / got.v_standard_error) ** 2),
-        ]
+        squares += squares_of_errors(it.flow(state), truth, rng)
     assert 0.75 < np.mean(squares) < 1.3
 
 
@@ -126,12 +131,7 @@ def test_errors_hold_where_many_profiles_share_a_current_that_the_forecast_canno
             for k, (x, y) in enumerate(zip(lon, lat, strict=True))
         ]
         state, _ = it.assimilate(it.initial(), pings)
-        lon, lat, _ = places(rng.uniform(-3e4, 3e4, (6, 2)), HERE)
-        got, true = (each.velocity_at(lon, lat, 100.0) for each in (it.flow(state), truth))
-        squares += [
-            np.mean(((got.u - true.u) / got.u_standard_error) ** 2),
-            np.mean(((got.v - true.v) / got.v_standard_error) ** 2),
-        ]
+        squares += squares_of_errors(it.flow(state), truth, rng)
     assert 0.6 < np.mean(squares) < 1.4
 
 

@@ -13,7 +13,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.make import Twin, make_twin, measure, messages
-from tests.benchmarks.longlogs import survey
+from tests.benchmarks.long import survey
 from tests.benchmarks.scene import NOISE
 from tests.command import invoke, succeed
 from tests.forecast.remote.servers import Files, serving, zarr_objects
