@@ -48,7 +48,7 @@ class Motion:
     times: Array
     places: Complex
 
-    def of(self, k: int) -> tuple[Array, Complex]:
+    def in_current(self, k: int) -> tuple[Array, Complex]:
         """Return times and positions in one current."""
         return (self.times if self.times.ndim == 1 else self.times[k]), self.places[k]
 
@@ -89,7 +89,7 @@ class JointMissions:
 
 def nearest(first: Motion, second: Motion) -> tuple[Array, Array]:
     """Return the smallest distance of two vehicles in K currents, shape (K,) [m], and its time [s]."""
-    found = [_nearest(first.of(k), second.of(k)) for k in range(len(first.places))]
+    found = [_nearest(first.in_current(k), second.in_current(k)) for k in range(len(first.places))]
     distances, times = zip(*found, strict=True)
     return np.array(distances), np.array(times)
 
@@ -204,14 +204,14 @@ def _hours(joint: JointMissions) -> float:
 
 def area_between(stays: Motion, goes: Motion, width: float, projection: Projection) -> NoGo:
     """Return the no-go area for one vehicle: within a width [m] of the other's track where the two are that near."""
-    times, apart = _apart(stays.of(0), goes.of(0))
+    times, apart = _apart(stays.in_current(0), goes.in_current(0))
     near: NDArray[np.intp] = np.flatnonzero(np.abs(apart) < width)
-    _, when = _nearest(stays.of(0), goes.of(0))
+    _, when = _nearest(stays.in_current(0), goes.in_current(0))
     # with the points before and after, and where they are nearest
     chosen = np.union1d(
         times[max(near.min(initial=times.size) - 1, 0) : near.max(initial=-1) + 2], when
     )
-    way = np.interp(chosen, *stays.of(0))
+    way = np.interp(chosen, *stays.in_current(0))
     points = np.column_stack([way.real, way.imag])
     line = shapely.LineString(points) if len(points) > 1 else shapely.Point(points[0])
     # a wide buffer of many short pieces may have slivers beside it

@@ -124,10 +124,12 @@ class Glider:
         """
         normal = NormalDist()
         quantiles = np.array([normal.inv_cdf((k + 0.5) / count) for k in range(count)])
-        alike, own = (
+        alike, each_dive = (
             np.random.default_rng((count, k)).permutation(quantiles) for k in (0, dive + 1)
         )
-        return np.asarray(np.maximum(1.0 + self.speed_error * alike + self.speed_spread * own, 0.0))
+        return np.asarray(
+            np.maximum(1.0 + self.speed_error * alike + self.speed_spread * each_dive, 0.0)
+        )
 
     def pitch(self, glide_angle: Array) -> Array:
         """Return the pitch below the horizontal of a dive at a glide angle [rad]; equal to it without a flight model."""

@@ -183,18 +183,18 @@ def _best_radius(
             task, task.currents, replace(route, told=told), latest(plan.settings, plan.duration)
         )
         crossed = (_violation(task, flown, k, margin) for k in range(len(told)))
-        one = _List(kept, route, flown, next(filter(None, crossed), None))
+        waypoints = _List(kept, route, flown, next(filter(None, crossed), None))
         odds = odds_of(task, currents, route, latest(plan.settings, plan.duration))
-        found.append((odds.succeeded + one.serves, one))
-        if odds.succeeded == 1.0 and one.serves:
+        found.append((odds.succeeded + waypoints.serves, waypoints))
+        if odds.succeeded == 1.0 and waypoints.serves:
             break
     return max(found, key=lambda pair: pair[0])[1]
 
 
 def _violation(task: Task, flown: Flights, number: int, margin: float) -> Violation | None:
     """Return the first violation of a flight, or its unchecked part if constraints exist; otherwise None."""
-    one, ends = np.s_[number : number + 1], flown.ups + DRIFT_STEPS
-    place, depth, time = flown.place[one], flown.depth[number], flown.time[one]
+    leg, ends = np.s_[number : number + 1], flown.ups + DRIFT_STEPS
+    place, depth, time = flown.place[leg], flown.depth[number], flown.time[leg]
     found = check(task, Flight(time, depth, place, flown.dive, ends), margin)
     deepest = float(depth.max())
     if found is not None or np.isfinite(flown.arrived[number]):
@@ -208,10 +208,8 @@ def _violation(task: Task, flown: Flights, number: int, margin: float) -> Violat
 
 def _route(plan: MissionPlan, places: Array, kept: tuple[int, ...], radius: float) -> Route:
     """Return the route along legs' ends, at their mean glide angle and shallowest dive depth."""
-    angles, depths = (
-        np.deg2rad(plan.glide_angles_deg),
-        np.array([max(leg[1:]) for leg in plan.yo_depths]),
-    )
+    angles = np.deg2rad(plan.glide_angles_deg)
+    depths = np.array([max(leg[1:]) for leg in plan.yo_depths])
     spans, numbers = list(pairwise([0, *kept])), np.array(kept)
     radii = np.where(
         np.isin(numbers, plan.goal_legs), plan.settings.radius or plan.settings.tolerance, radius

@@ -58,7 +58,7 @@ def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
     """Return a mask, shape (J, I), dilated by a number of rows and columns."""
     # as scipy's maximum_filter, which loads slowly
     for axis in (0, 1):
-        around = [(by + 1, by) if axis == own else (0, 0) for own in (0, 1)]
+        around = [(by + 1, by) if axis == side else (0, 0) for side in (0, 1)]
         count = np.cumsum(np.pad(mask, around), axis=axis, dtype=np.int32)
         count = count.swapaxes(0, axis)
         mask = (count[2 * by + 1 :] > count[: -2 * by - 1]).swapaxes(0, axis)

@@ -228,23 +228,25 @@ def forgiving(task: Task, plan: MissionPlan, route: Route, deadline: float) -> A
     """
     times = np.append(0.0, plan.surfacing_times[:-1])
     count, tried = len(times), len(_ASIDE)
-    own = route_of_plan(task, plan)
+    planned = route_of_plan(task, plan)
     headings = np.deg2rad(plan.headings_deg[:, None] + _ASIDE).ravel()
     begin = Begin(
-        np.repeat(own.places[:-1], tried, axis=0),
+        np.repeat(planned.places[:-1], tried, axis=0),
         np.repeat(times, tried),
         np.repeat(np.arange(count), tried),
         headings,
     )
     more = float(np.max(np.diff(plan.surfacing_times, prepend=0.0)))
-    own = replace(own, radius=np.full(len(own.goals), float(np.max(route.radius[..., -1]))))
-    flights = steer(task, task.currents, own, min(deadline, plan.duration + more), begin)
+    planned = replace(
+        planned, radius=np.full(len(planned.goals), float(np.max(route.radius[..., -1])))
+    )
+    flights = steer(task, task.currents, planned, min(deadline, plan.duration + more), begin)
     arrives = np.isfinite(flights.arrived).reshape(count, tried)
     middle, found = tried // 2, np.full((count, 2), np.nan)
-    for k, of in enumerate(arrives):
-        if of[middle]:
-            left = np.argmin(np.append(of[middle::-1], False)) - 1
-            right = np.argmin(np.append(of[middle:], False)) - 1
+    for k, arrived in enumerate(arrives):
+        if arrived[middle]:
+            left = np.argmin(np.append(arrived[middle::-1], False)) - 1
+            right = np.argmin(np.append(arrived[middle:], False)) - 1
             found[k] = _ASIDE[[middle - left, middle + right]]
     return found
 
@@ -267,7 +269,7 @@ def ellipses_of(projection: Projection, places: Array) -> Array:
     turn = grid_bearing_of_true_north(projection, *centre.T)
     radius = ellipse_factor(len(places))
     each = zip(centre, places.swapaxes(0, 1), turn, strict=True)
-    ellipses = [ellipse_of(x, y, np.cov(of.T), radius, by) for (x, y), of, by in each]
+    ellipses = [ellipse_of(x, y, np.cov(ends.T), radius, by) for (x, y), ends, by in each]
     return np.array([astuple(one) for one in ellipses])
 
 

@@ -167,11 +167,11 @@ def _judged(
     task: Task, currents: Currents, found: Solution, deadline: float, extra: float = 0.0
 ) -> Candidate:
     """Return a solution with its odds in the samples."""
-    of = replace(task, request=replace(task.request, vehicle=found.task.vehicle))
+    task_of_vehicle = replace(task, request=replace(task.request, vehicle=found.task.vehicle))
     legs, ends = found.legs, found.flight.place[0, found.flight.ends]
     depths, heading = yo_depths(legs.turns), float(legs.headings[0])
-    route = route_along(of, ends, heading, legs.angles, depths, found.goal_legs)
-    return Candidate(found, odds_of(of, currents, route, deadline), extra)
+    route = route_along(task_of_vehicle, ends, heading, legs.angles, depths, found.goal_legs)
+    return Candidate(found, odds_of(task_of_vehicle, currents, route, deadline), extra)
 
 
 def passes_binomial_test(violations: int, count: int, allowed: float) -> bool:

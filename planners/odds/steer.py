@@ -261,7 +261,9 @@ class _Gliders:
         if number == 0 and self.first is not None:
             heading, angle = self.first.heading[live], route.angles[self.first.leg[live]]
         elif number == 0 and route.heading is not None:
-            heading, angle = (np.full(live.size, of) for of in (route.heading, route.angles[0]))
+            heading, angle = (
+                np.full(live.size, value) for value in (route.heading, route.angles[0])
+            )
         turns = np.zeros((2 * settings.yos + 1, live.size))
         turns[1::2] = deep
         if number == 0 and self.first is None:

@@ -65,14 +65,14 @@ class Water:
 
     def integral(self, depth: float) -> Array:
         """Return the integrals of the levels' weights from the surface to a depth, shape (C,) [m]; an odd function of depth."""
-        found = [np.interp(abs(depth), self._depths, of) for of in self._summed.T]
+        found = [np.interp(abs(depth), self._depths, column) for column in self._summed.T]
         return np.asarray(np.sign(depth) * np.array(found))
 
     def _splined(self, task: Task) -> ca.Function:
         flow, (low, high) = task.flow, task.flow.grid.ends
         lengths = flow.horizontal.kernel.lengths
         counts = np.maximum(np.ceil((high - low) / lengths * _PER_LENGTH).astype(int) + 1, 5)
-        axes = [np.linspace(*of) for of in zip(low, high, counts, strict=True)]
+        axes = [np.linspace(*span) for span in zip(low, high, counts, strict=True)]
         times, latent = task.currents_through()
         velocity = flow.horizontal.velocity(points_over(*axes), latent)
         velocity = velocity.reshape(2, counts[1], counts[0], times.size, -1)[..., : self.count]
@@ -258,9 +258,12 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
     through = ends - begins - carried - p["defect"]
     firsts = list(range(0, n, segments))
     rest = [k for k in range(n) if k % segments]
-    own = [k - k % segments for k in rest]
+    first_of_leg = [k - k % segments for k in rest]
     same = (
-        ca.vec(through[:, rest] * _rows(lasts[own], 2) - through[:, own] * _rows(lasts[rest], 2))
+        ca.vec(
+            through[:, rest] * _rows(lasts[first_of_leg], 2)
+            - through[:, first_of_leg] * _rows(lasts[rest], 2)
+        )
         if rest
         else ca.MX(0, 1)
     )
@@ -292,9 +295,12 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
     )
     time, energy, miss, line, mooring = ca.vertsplit(p["weights"])
 
-    def integral(of: Any) -> Any:
+    def integral(water: Any) -> Any:
         """Return the integral over time of a function of position, by Simpson's rule."""
-        return ca.sum2((lasts + p["drift"]).T * (of(begins) + 4.0 * of(middles) + of(ends))) / 6.0
+        return (
+            ca.sum2((lasts + p["drift"]).T * (water(begins) + 4.0 * water(middles) + water(ends)))
+            / 6.0
+        )
 
     cost = (
         time * end[-1]

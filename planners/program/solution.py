@@ -220,11 +220,9 @@ def lacking_energy(task: Task, found: Solution) -> float:
 
 def ranking(task: Task, found: Solution) -> tuple[bool, float, float]:
     """Return the sort key of solutions: feasible ones within the battery by cost, then others by their deficit."""
-    feasible, aim, lacking = (
-        is_feasible(task, found),
-        task.settings.aim,
-        lacking_energy(task, found),
-    )
+    feasible = is_feasible(task, found)
+    aim = task.settings.aim
+    lacking = lacking_energy(task, found)
     missing = overtime(task, found) + lacking / 1e3
     if not feasible or aim.distance_first:
         missing += float(np.max(found.miss)) + _UNSAFE * (found.violation is not None)

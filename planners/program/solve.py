@@ -435,5 +435,5 @@ def _cut(lines: Array, segments: int) -> Array:
     before = np.minimum(at.astype(int), count - 2)
     share = (at - before)[None, :, None]
     fine = lines[:, before] + share * (lines[:, before + 1] - lines[:, before])
-    own = (np.arange(segments) * (count - 1))[:, None] + np.arange(count)
-    return np.asarray(fine[:, own].reshape(legs * segments, count, 2))
+    samples = (np.arange(segments) * (count - 1))[:, None] + np.arange(count)
+    return np.asarray(fine[:, samples].reshape(legs * segments, count, 2))

@@ -252,46 +252,46 @@ def _taken(task: Task, found: Sequence[Solution]) -> Solution:
     return again(min(found, key=lambda one: ranking(task, one)))
 
 
-def _anew(one: Search, mean: MeanCurrent) -> None:
+def _anew(search: Search, mean: MeanCurrent) -> None:
     """Try the routes of a mission around and across shallows."""
-    task, depth = one.task, one.task.settings.depth
+    task, depth = search.task, search.task.settings.depth
     places = np.vstack([task.start, task.goals])[:, :2]
     deep = bool(task.bottom.limit_at(places).min() >= depth)
     if deep and (route := passage(task, mean)).route.arrives:
         wide = wider(task, mean, route)
-        one.sweep([("front", route), *([] if wide is None else [("wide", wide)])], depth)
-    if deep and one.found:
-        _in_range(one)
+        search.sweep([("front", route), *([] if wide is None else [("wide", wide)])], depth)
+    if deep and search.found:
+        _in_range(search)
     lanes = any(ring.surface_only for ring in task.rings)
-    if deep and lanes and one.best is None and not task.is_late:
+    if deep and lanes and search.best is None and not task.is_late:
         # an area too wide to be passed under water between two surfacings must be rounded
         rings = tuple(replace(ring, surface_only=False) for ring in task.rings)
-        around = Search(replace(task, rings=rings), one.bound, one.found)
+        around = Search(replace(task, rings=rings), search.bound, search.found)
         route = passage(around.task, mean)
         if route.route.arrives:
             around.sweep([("round", route)], depth)
-    best = one.best
+    best = search.best
     if task.bottom.shallowest < depth and not task.is_late:
         across = passage(task, mean, LEAST_DIVE)
         quicker = best is None or across.passed[-1] < _ACROSS * best.seconds
         if across.route.arrives and quicker:
-            one.turn(across)
-    if not one.found:
+            search.turn(across)
+    if not search.found:
         # as near as the quickest way comes
         nearest = passage(task, mean, None if deep else LEAST_DIVE)
-        one.approach(nearest, deep)
+        search.approach(nearest, deep)
 
 
-def _in_range(one: Search) -> None:
+def _in_range(search: Search) -> None:
     """Try shallower depths of the range that may allow a better route."""
-    task, settings = one.task, one.task.settings
+    task, settings = search.task, search.task.settings
     if settings.depths is None:
         return
     least = max(settings.depths[0], LEAST_DIVE, float(np.max(task.goals[:, 2])))
     for depth in (least, float(np.sqrt(least * settings.depth))):
-        of = replace(settings, depth=depth)
-        shallow = replace(task, request=replace(task.request, settings=of))
-        way, best = passage(shallow, mean_current(shallow)), one.best
+        settings_at_depth = replace(settings, depth=depth)
+        shallow = replace(task, request=replace(task.request, settings=settings_at_depth))
+        way, best = passage(shallow, mean_current(shallow)), search.best
         lasts = float(way.passed[-1])
         count = int(np.ceil(lasts / task.leg_time(depth=depth)))
         energy = task.vehicle.energy(lasts, count * settings.yos * depth, sum(task.drifts(count)))
@@ -300,7 +300,7 @@ def _in_range(one: Search) -> None:
         cost = settings.aim.cost(Found(task.vehicle, angles, legs, lasts, energy, 0.0))
         worth = best is None or cost < _AT_LEAST * ranking(task, best)[2]
         if way.route.arrives and count <= MOST_LEGS and worth and not task.is_late:
-            one.sweep([("shallower", way)], depth)
+            search.sweep([("shallower", way)], depth)
 
 
 def _without(task: Task, mean: MeanCurrent, bound: Bound) -> Answer:
@@ -359,28 +359,28 @@ def _moored(task: Task) -> Answer:
         raise PlanError(
             f"a mooring of {shape.duration / 3600.0:g} h takes {count} legs, but max_legs = {most}; allow more, or more dives a leg"
         )
-    one = Search(task, None)
+    search = Search(task, None)
     for hop in (0.0, 0.5 * max(along[best] - speed, 0.0) * lasts[best]):
         side = hop * (-1.0) ** np.arange(count)
         ends = place + np.column_stack([side, np.zeros(count)])
         lines = straight(task.start, ends)
         flat = np.full(count, angles[best]), np.full(count, settings.depth)
-        one.attempt(Start("held" if hop == 0.0 else "hops", lines, *flat, (count,)))
-    return Answer(_taken(task, one.found), one.found, None)
+        search.attempt(Start("held" if hop == 0.0 else "hops", lines, *flat, (count,)))
+    return Answer(_taken(task, search.found), search.found, None)
 
 
 def _glide(task: Task) -> Answer:
     """Return the glide to its goal, from multiples of the fastest route's duration."""
     mean = mean_current(task)
     deepest = float(max(task.start[2], task.goals[-1, 2]))
-    one, way = Search(task, None), passage(task, mean, deepest)
+    search, way = Search(task, None), passage(task, mean, deepest)
     for share in _GLIDES:
         times = way.route.times * share
         longer = Passage(Route(way.route.points, times, True), way.passed * share)
-        one.attempt(cut(task, f"glide {share:g}", longer, 1, deepest))
-        if is_feasible(task, one.found[-1]):
+        search.attempt(cut(task, f"glide {share:g}", longer, 1, deepest))
+        if is_feasible(task, search.found[-1]):
             break
-    return Answer(_taken(task, one.found), one.found, None)
+    return Answer(_taken(task, search.found), search.found, None)
 
 
 def _met_at_start(task: Task) -> int:
@@ -406,12 +406,10 @@ def _to_all(task: Task, kept: tuple[int, ...], answer: Answer) -> Answer:
     """Return a result for some goals as one for all: other goals are scored at the closest leg's end, in order."""
     found = answer.best
     ends = np.concatenate([[0], found.flight.ends])
-    places, met, legs, points = (
-        found.flight.place[0, ends],
-        dict(zip(kept, range(len(kept)), strict=True)),
-        list[int](),
-        list[int](),
-    )
+    places = found.flight.place[0, ends]
+    met = dict(zip(kept, range(len(kept)), strict=True))
+    legs = list[int]()
+    points = list[int]()
     for k, goal in enumerate(task.goals):
         if k in met:
             legs.append(found.goal_legs[met[k]])

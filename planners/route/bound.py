@@ -214,7 +214,7 @@ def currents_around(task: Task, latent: Array) -> Array:
         *flow.grid.ends,
     )
     counts = np.ceil((high - low) / lengths * _SAMPLES).astype(int) + 1
-    points = points_over(*(np.linspace(*of) for of in zip(low, high, counts, strict=True)))
+    points = points_over(*(np.linspace(*span) for span in zip(low, high, counts, strict=True)))
     return np.asarray(flow.horizontal.velocity(points, latent)).reshape(2, -1, flow.levels.size)
 
 
@@ -226,10 +226,10 @@ def _ways(task: Task, by_level: Array, leg: YoDepths, drift: float) -> tuple[Arr
     heights = [abs(end - begin) for begin, end in ends]
     dives = [currents.weights(np.linspace(*both, _DEPTHS)).mean(axis=0) for both in ends]
     lasts = sum(heights) / np.asarray(down)
-    own = np.average(dives, axis=0, weights=heights)
+    in_dives = np.average(dives, axis=0, weights=heights)
     surface = currents.weights(np.zeros(1))[0]
     mean = shares_of_levels(currents, task.settings.depth, whole / task.leg_time())
-    weights = lasts[:, None] * own + drift * surface - (lasts + drift)[:, None] * mean
+    weights = lasts[:, None] * in_dives + drift * surface - (lasts + drift)[:, None] * mean
     beside = np.linalg.norm(by_level @ weights.T, axis=0).max(axis=0)
     return np.asarray(along * lasts + beside), lasts + drift
 

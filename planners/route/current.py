@@ -110,7 +110,7 @@ def current_lattice(
     mean = np.stack([part @ by_depth for part in np.split(latent, times.size, axis=1)], axis=1)
     lengths = flow.horizontal.kernel.lengths
     coarse = np.maximum(np.ceil((high - low) / lengths * _PER_LENGTH).astype(int) + 1, 4)
-    at = [np.linspace(*of) for of in zip(low, low + spacing * intervals, coarse, strict=True)]
+    at = [np.linspace(*span) for span in zip(low, low + spacing * intervals, coarse, strict=True)]
     table = (
         flow.horizontal.velocity(points_over(*at), mean)
         .reshape(2, coarse[1], coarse[0], times.size)

@@ -263,7 +263,7 @@ def _stepped(
     lasts: Array,
 ) -> list[Array]:
     """Return positions and times after each step, from begin and middle depths, shape (S, K) each [m], and durations [s]."""
-    weights = [currents.weights(of.ravel()).reshape(*of.shape, -1) for of in depths]
+    weights = [currents.weights(depth.ravel()).reshape(*depth.shape, -1) for depth in depths]
     (at, now), places, times = begin, list[Array](), list[Array]()
 
     def rate(at: Array, of_levels: Array, now: Array) -> Array:

@@ -67,9 +67,9 @@ def spread_vehicles(arguments: Sequence[str]) -> list[str]:
         after = [*takewhile(lambda word: not word.startswith("-"), words)]
         del words[: len(after)]
         # no shell expands a pattern behind a name
-        own = [*(sorted(glob(first)) or [first]), *after]
-        found += [part for log in own for part in (_AS, f"{name}={log}")]
-        logs += own
+        of_vehicle = [*(sorted(glob(first)) or [first]), *after]
+        found += [part for log in of_vehicle for part in (_AS, f"{name}={log}")]
+        logs += of_vehicle
     return [*found[:1], *logs, *found[1:]]
 
 

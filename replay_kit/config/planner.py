@@ -228,15 +228,15 @@ class PlannerConfig(Section):
             shape.append(f"goals within {dives.radius:.0f} m")
         if flown is None:
             return f"assumed: {', '.join(asked + shape)}" if asked + shape else ""
-        of = "as flown" if flown.dives > 1 else "as flown in a single dive"
+        by = "as flown" if flown.dives > 1 else "as flown in a single dive"
         if asked and not flown.is_plausible:
             wrong = f"assumed: {asked[0]}, as the log's dives show {flown.speed:.2f} m/s, which no glider flies (set --speed)"
-            return "; ".join([wrong, *(f"{of}: {part}" for part in shape)])
+            return "; ".join([wrong, *(f"{by}: {part}" for part in shape)])
         if self.kind != "glide" and asked:
             if shape and dives.depth == flown.depth:
                 shape.append(f"{flown.duration / 3600.0:.1f} h")
             shape += [] if self.min_angle else [f"{dives.min_angle:.0f} degrees"]
-        return f"{of}: {', '.join(asked + shape)}" if asked + shape else ""
+        return f"{by}: {', '.join(asked + shape)}" if asked + shape else ""
 
     def resolved(self, of_glider: bool) -> Self:
         """Return the settings with ``auto`` resolved: a mission for a glider, a glide for others."""

@@ -109,9 +109,9 @@ else:
 def _parts(kind: type[Any]) -> tuple[Callable[[Any], tuple[Any, ...]], type[Any]] | None:
     """Return the getter of all fields of a class and its mutable twin; None where construction does more than store the fields."""
     names = tuple(field.name for field in dataclasses.fields(kind) if field.init)
-    own = kind.__bases__ == (object,) and vars(kind).get("__slots__") == names
+    only_slots = kind.__bases__ == (object,) and vars(kind).get("__slots__") == names
     # of one name ``attrgetter`` returns no tuple
-    if not own or len(names) < 2 or hasattr(kind, "__post_init__"):
+    if not only_slots or len(names) < 2 or hasattr(kind, "__post_init__"):
         return None
     opened = dataclasses.make_dataclass(kind.__name__, names, slots=True, repr=False, eq=False)
     opened.__init__.__defaults__ = kind.__init__.__defaults__  # type: ignore[misc]

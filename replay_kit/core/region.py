@@ -120,29 +120,29 @@ def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Featu
     }
 
 
-def cut_at_antimeridian(one: Feature) -> Feature:
+def cut_at_antimeridian(given: Feature) -> Feature:
     """Return a feature with longitudes in [-180, 180]; lines and polygons are cut at the antimeridian, and lose lists of values.
 
     Args:
-        one: Feature with continuous longitudes: points, a line or a polygon.
+        given: Feature with continuous longitudes: points, a line or a polygon.
 
     References: RFC 7946, 3.1.9.
     """
     # loads slowly, and most commands write none
     import shapely
 
-    kind, coordinates = one["geometry"]["type"], one["geometry"]["coordinates"]
-    whole = shapely.from_geojson(json.dumps(one["geometry"]))
+    kind, coordinates = given["geometry"]["type"], given["geometry"]["coordinates"]
+    whole = shapely.from_geojson(json.dumps(given["geometry"]))
     west, _, east, _ = whole.bounds
     # revolutions by which a part of it is off; what only touches the antimeridian has no part beyond
     first, end = floor((west + 180.0) / 360.0), ceil((east + 180.0) / 360.0)
     turns = range(first, max(end, first + 1))
     if turns == range(1):
-        return one
+        return given
     if "Point" in kind:
         at = np.array(coordinates, dtype=np.float64)
         at[..., 0] = (at[..., 0] + 180.0) % 360.0 - 180.0
-        return feature(kind, at.round(_DIGITS).tolist(), one["properties"])
+        return feature(kind, at.round(_DIGITS).tolist(), given["properties"])
     found = []
     for middle in (360.0 * turn for turn in turns):
         part = whole
@@ -153,9 +153,9 @@ def cut_at_antimeridian(one: Feature) -> Feature:
             turned = shapely.geometry.polygon.orient(each) if kind == "Polygon" else each
             found.append(json.loads(shapely.to_geojson(turned))["coordinates"])
     if len(found) == 1:
-        return feature(kind, found[0], one["properties"])
+        return feature(kind, found[0], given["properties"])
     # what holds a value for each position of the whole is of none of its parts
-    about = {name: value for name, value in one["properties"].items() if type(value) is not list}
+    about = {name: value for name, value in given["properties"].items() if type(value) is not list}
     return feature(f"Multi{kind}", found, about)
 
 

@@ -274,20 +274,22 @@ def records(
     rows = list[tuple[float, ...]]()
     for k in range(1, len(dives)):
         start, fix, lasts = dives[k].forecast.start, dives[k].fix, _flown(dives[k])[1]
-        one = min(plans, key=lambda plan: abs(plan.time_ns - fix.time_ns), default=None)
-        if one is None or abs(one.time_ns - fix.time_ns) > _ALIKE * 1e9 * lasts:
+        nearest = min(plans, key=lambda plan: abs(plan.time_ns - fix.time_ns), default=None)
+        if nearest is None or abs(nearest.time_ns - fix.time_ns) > _ALIKE * 1e9 * lasts:
             continue
         usual, speed = usual_seconds(dives[:k]), _flown(dives[k - 1])[0]
         off = np.array(apart(start, fix)) - usual * speed
-        ellipse, error = one.predicted.ellipse, _PLANNED[0]
+        ellipse, error = nearest.predicted.ellipse, _PLANNED[0]
         if ellipse is not None:
             error = max(sqrt(ellipse.major * ellipse.minor) / _EDGE, 1.0)
         # where the duration errs, so does the place along the way
         spread = hypot(_HABIT[0] * usual, _HABIT[1] * hypot(*speed))
-        own = hypot(*off), lasts - usual, spread, _HABIT[1]
-        rows.append((*own, one.distance, one.late, error, _PLANNED[1]))
+        by_habit = hypot(*off), lasts - usual, spread, _HABIT[1]
+        rows.append((*by_habit, nearest.distance, nearest.late, error, _PLANNED[1]))
     found = np.array(rows).reshape(-1, 2, 4)
-    habit, planned = (record(of[:, 0], of[:, 1], of[:, 2:]) for of in found.swapaxes(0, 1))
+    habit, planned = (
+        record(columns[:, 0], columns[:, 1], columns[:, 2:]) for columns in found.swapaxes(0, 1)
+    )
     return len(rows), habit, planned
 
 

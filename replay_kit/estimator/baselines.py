@@ -43,10 +43,12 @@ def naive_3d(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimat
     vectors = vectors[:, : min(config.modes or rank, rank)]
     weights = members @ vectors
     flows = vectors.T.reshape(-1, *slices.shape[1:])
-    return _of_flows(ensemble, flows, (weights.mean(axis=0), weights.var(axis=0, ddof=1)), config)
+    return _flow_filter(
+        ensemble, flows, (weights.mean(axis=0), weights.var(axis=0, ddof=1)), config
+    )
 
 
-def _of_flows(
+def _flow_filter(
     ensemble: Ensemble, flows: Array, prior: tuple[Array, Array], config: EstimatorConfig
 ) -> ReducedBasisEstimator:
     """Return the filter with one unknown per whole flow.
@@ -61,9 +63,9 @@ def _of_flows(
     functions = default_functions(ensemble.grid, config)
     # every slice of every flow is a mode, which one unknown and one level alone have
     latents = embed(functions, ensemble.grid.nodes, flows.reshape(-1, size).T, config.nugget)
-    own, levels = np.ogrid[:n, :n_levels]
+    fields, levels = np.ogrid[:n, :n_levels]
     each = np.zeros((n, n_levels, n * n_levels))
-    each[own, levels, own * n_levels + levels] = 1.0
+    each[fields, levels, fields * n_levels + levels] = 1.0
     mean, variance = prior
     patterns = np.sqrt(variance)[:, None, None] * each
     process = independent(ensemble.time_ns, np.tensordot(mean, each, 1), patterns)
@@ -115,8 +117,8 @@ class NearestMember(Estimator[MemberErrors]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a measurement has a usable value."""
-        ((one,), _) = screened([observation], self.members.grid, relative=False)
-        return one.is_used
+        ((group,), _) = screened([observation], self.members.grid, relative=False)
+        return group.is_used
 
     def chosen(self, state: MemberErrors) -> Array:
         """Return the weights of the members, shape (E,): one for the nearest, zero for the others."""
@@ -151,19 +153,19 @@ class NearestMember(Estimator[MemberErrors]):
 
     def flow(self, state: MemberErrors) -> FlowEstimate:
         """Return the nearest member."""
-        own = self.members.flow(self.members.initial())
-        assert own.unknowns is not None
+        flow = self.members.flow(self.members.initial())
+        assert flow.unknowns is not None
         weights = self.members.observer.process.weights(self.chosen(state), 0)
-        latent = own.unknowns.offset + own.modes @ weights.T
+        latent = flow.unknowns.offset + flow.modes @ weights.T
         time_ns = self.members.time_ns if state.time_ns is None else state.time_ns
-        return replace(own.mean_flow(), latent=latent, time_ns=time_ns)
+        return replace(flow.mean_flow(), latent=latent, time_ns=time_ns)
 
 
 def nearest_member(ensemble: Ensemble, config: EstimatorConfig) -> NearestMember:
     """Return the nearest-member baseline of an ensemble."""
     slices = ensemble_slices(ensemble)
     n = ensemble.n_members
-    members = _of_flows(ensemble, slices, (np.zeros(n), np.ones(n)), config)
+    members = _flow_filter(ensemble, slices, (np.zeros(n), np.ones(n)), config)
     distance = np.sum((slices - slices.mean(axis=0)) ** 2, axis=(1, 2))
     return NearestMember(members, distance)
 

@@ -79,8 +79,8 @@ class ReducedBasisEstimator(Estimator[State]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a measurement has a usable value."""
-        ((one,), _) = screened([observation], self.grid)
-        return one.is_used
+        ((group,), _) = screened([observation], self.grid)
+        return group.is_used
 
     def innovation(self, state: State, event: Measurement) -> Array:
         """Return measured minus predicted, shape (n, 2) [m/s], local axes; unusable values are NaN, or 0 in a group."""
@@ -159,9 +159,9 @@ class ReducedBasisEstimator(Estimator[State]):
             earliest = state.time_ns - _LATE_NS
         groups, last = screened(block, self.grid, state.last, earliest)
         measured, levels = state.measured, self.grid.levels
-        for one in groups:
-            if one.is_used and (measured is None or not measured.all()):
-                depth = np.where(one.used, one.columns["depth"], np.nan)[one.at]
+        for group in groups:
+            if group.is_used and (measured is None or not measured.all()):
+                depth = np.where(group.used, group.columns["depth"], np.nan)[group.at]
                 first, end = (
                     np.abs(levels - extreme(depth, axis=1)[:, None]).argmin(axis=1)[:, None]
                     for extreme in (np.nanmin, np.nanmax)
@@ -237,19 +237,19 @@ class ReducedBasisEstimator(Estimator[State]):
     def flow(self, state: State) -> FlowEstimate:
         """Return the current estimate of a state at its time; the standard error is computed on demand."""
         basis, observer, extras = self.observer.basis, self.observer, self.observer.extras
-        own, known = slice(0, observer.process.size), None
+        slow, known = slice(0, observer.process.size), None
         x, p, scale = (
             (state.x, state.covariance, 1.0)
             if self.evidence is None
             else self.evidence.published(state)
         )
         if extras is not None and state.time_ns is not None:
-            known = extras.known(state.x[own.stop :], self.grid.levels, state.time_ns)
+            known = extras.known(state.x[slow.stop :], self.grid.levels, state.time_ns)
         unknowns = Unknowns(
             observer.process,
             basis.offset,
-            x[own],
-            p[own, own],
+            x[slow],
+            p[slow, slow],
             state.time_ns,
             observer.error(state.scale),
             scale,

@@ -109,17 +109,17 @@ class Estimator(Protocol[State]):
     def innovation(self, state: State, event: Measurement) -> Array:
         """Return measured minus predicted, shape (n, 2) [m/s], local axes; unusable values are NaN, or 0 in a group."""
         flow = self.flow(state)
-        ((one,), _), projection = screened([event], flow.grid), flow.grid.projection
-        value, axes = one.local(np.arange(len(one.flags)))
-        if one.linear is None:
+        ((group,), _), projection = screened([event], flow.grid), flow.grid.projection
+        value, axes = group.local(np.arange(len(group.flags)))
+        if group.linear is None:
             names = "longitude", "latitude"
-            places = to_local(projection, *(one.columns[name][:, None] for name in names))
-            predicted = flow.velocity(*places, one.columns["depth"])
+            places = to_local(projection, *(group.columns[name][:, None] for name in names))
+            predicted = flow.velocity(*places, group.columns["depth"])
         else:
-            places = to_local(projection, one.linear.longitude, one.linear.latitude)
-            predicted = one.linear.at_values(flow.velocity(*places, one.linear.depth))
+            places = to_local(projection, group.linear.longitude, group.linear.latitude)
+            predicted = group.linear.at_values(flow.velocity(*places, group.linear.depth))
         off = (value - predicted @ axes.T) @ axes
-        off[~one.used] = 0.0 if len(off) > 1 else np.nan
+        off[~group.used] = 0.0 if len(off) > 1 else np.nan
         return np.asarray(off.reshape(-1, 2))
 
     def notes(self) -> list[str]:
@@ -140,7 +140,7 @@ class Estimator(Protocol[State]):
         """Return the key of the vehicle's window; None for a single window."""
         return None
 
-    def of_own(self, state: State) -> State:
+    def own_window(self, state: State) -> State:
         """Return a state without the windows of other vehicles."""
         return state
 

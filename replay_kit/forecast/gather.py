@@ -60,12 +60,12 @@ def together(
         config: Levels and axes.
         dtype: Precision of the members.
     """
-    own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
+    first, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
     turn = turn_to_local(projection, window.longitude, window.latitude, window.axes)
-    alone = len(own) == count and own.dtype == dtype
-    velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
-    turned(own, turn, velocity[: len(own)])
-    filled, around, notes = len(own), region_around(window), list[str]()
+    alone = len(first) == count and first.dtype == dtype
+    velocity = first if alone else large_array((count, *first.shape[1:]), dtype)
+    turned(first, turn, velocity[: len(first)])
+    filled, around, notes = len(first), region_around(window), list[str]()
     moved, far = 0, np.zeros(window.levels.size, dtype=bool)
     for field in fields[1:]:
         last = layout

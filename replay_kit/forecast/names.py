@@ -266,17 +266,19 @@ def find_coordinates(
         for latitude in _by_standard_name(ds, "latitude")
     ]
     # those that a topology after SGRID 0.3 names as the centres' come first
-    topologies = [of.attrs for of in ds.variables.values() if "face_dimensions" in of.attrs]
+    topologies = [
+        variable.attrs for variable in ds.variables.values() if "face_dimensions" in variable.attrs
+    ]
     centres = " ".join(about.get("face_coordinates", "") for about in topologies).split()
     by_standard_name.sort(key=lambda found: not {*found[:2]} <= {*centres})
     usual = {longitude for longitude, _, kind in by_kind if kind is not COORDINATES[-1]}
-    own = [
+    by_topology = [
         found
         for found in by_standard_name
         if found[0] not in usual
         and {dim for name in found[:2] for dim in ds[name].dims} <= set(dims)
     ]
-    for found in (*own, *by_kind):
+    for found in (*by_topology, *by_kind):
         if set(found[:2]) <= set(ds.variables) and ds[found[0]].ndim in (1, 2, 3):
             return found
     if by_standard_name:

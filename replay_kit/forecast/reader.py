@@ -85,9 +85,9 @@ def read_members(
         ForecastError: See ``read_ensemble``.
     """
     if not found.rule.kind:
-        one = found.members[0][0]
+        first = found.members[0][0]
         raise ForecastError(
-            f"{one.where}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(one.ds[U])}"
+            f"{first.where}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(first.ds[U])}"
             f"{ways(found)}"
         )
     selections = select_each(found, config, near_ns, dates)
@@ -131,8 +131,8 @@ def read_truth(
         ForecastError: See ``read_ensemble``; or the member is absent, or required but not named.
     """
     with open_collection(Path(spec.partition("#")[0]), MemberRule("")) as found:
-        one = truth_in(found, spec)
-        selections = [select(one, config, near_ns)]
+        selection = truth_in(found, spec)
+        selections = [select(selection, config, near_ns)]
         return read_selections(selections, config, place_at, spec, found.notes).series[0]
 
 
@@ -181,8 +181,8 @@ def _one_member(field: Field, label: str) -> Field:
         raise ForecastError(
             f"{field.where}: no member '{label}'; the file has {labels[0]} to {labels[-1]} ({len(labels)} members)"
         )
-    one = ds.isel({dim: [labels.index(label)]})
-    return replace(field, load=lambda: (one, notes))
+    chosen = ds.isel({dim: [labels.index(label)]})
+    return replace(field, load=lambda: (chosen, notes))
 
 
 def read_selections(
@@ -199,12 +199,14 @@ def read_selections(
     """
     first = selections[0].fields[0]
     layout = layout_of(first, config).within(config.region, first.where)
-    check_claims([field for one in selections for field in one.fields], layout)
+    check_claims([field for selection in selections for field in selection.fields], layout)
     counts = [
-        sum(1 if field.extra else len(field.labels) for field in one.fields) for one in selections
+        sum(1 if field.extra else len(field.labels) for field in selection.fields)
+        for selection in selections
     ]
     by_time = [
-        [part for field in one.fields for part in in_groups(field, layout)] for one in selections
+        [part for field in selection.fields for part in in_groups(field, layout)]
+        for selection in selections
     ]
     fields = [field for each in by_time for field in each]
     window = read_window(fields[0], layout, config)
@@ -220,11 +222,11 @@ def read_selections(
         centre = f"its centre is at {place_text(*place_at)}"
         placed = [Caveat(f"the ensemble was moved: not a forecast for this region; {centre}")]
     series, filled = list[Ensemble](), 0
-    for one, each, count in zip(selections, by_time, counts, strict=True):
+    for selection, each, count in zip(selections, by_time, counts, strict=True):
         members = velocity[filled : filled + count]
         filled += count
-        if one.change is not None:
-            members, changed = one.change(members)
+        if selection.change is not None:
+            members, changed = selection.change(members)
             more += changed
         labels = tuple(label for field in each if not field.extra for label in field.labels)
         members, wet, holes = common_water(members, labels, source)
@@ -233,14 +235,16 @@ def read_selections(
                 f"{source}: land is not the same at all times of the forecast; choose one with --lead or forecast.time, or mend its mask"
             )
         if series:
-            series.append(replace(series[0], velocity=members, time_ns=one.time_ns, members=labels))
+            series.append(
+                replace(series[0], velocity=members, time_ns=selection.time_ns, members=labels)
+            )
             continue
         check = check_axes(window, layout, members, wet, projection)
         # axes that were stated need no check
         doubts = check.notes if config.axes == "auto" else ()
         grid = local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
         notes = (
-            *one.notes,
+            *selection.notes,
             *more,
             *placed,
             *window.notes,
@@ -252,6 +256,8 @@ def read_selections(
         )
         error = check.residual_std if doubts else 0.0
         series.append(
-            Ensemble(grid, members, one.time_ns, source, tuple(dict.fromkeys(notes)), labels, error)
+            Ensemble(
+                grid, members, selection.time_ns, source, tuple(dict.fromkeys(notes)), labels, error
+            )
         )
     return Reading(tuple(series), layout, check, fields[0])

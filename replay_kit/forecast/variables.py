@@ -17,17 +17,17 @@ from replay_kit.forecast.grids.layout import CENTRE, DIRECTION, Layout, U, V
 from replay_kit.forecast.names import LEVEL_COUNTS, sizes_text
 
 
-def read(field: Field, layout: Layout, name: str, of: str = CENTRE) -> Values:
+def read(field: Field, layout: Layout, name: str, component: str = CENTRE) -> Values:
     """Return the used part of a variable, shape (E, Z, J, I), in the file's precision; E or Z is 1 without such a dimension.
 
     Args:
         field: Field of the file.
         layout: Rows, columns and levels used.
         name: Name of the variable.
-        of: Its points: those of ``U`` or ``V``, or ``CENTRE``.
+        component: Its points: those of ``U`` or ``V``, or ``CENTRE``.
     """
-    ds, dims = field.ds, layout.dims[of]
-    depth, order = layout.levels.get(of, (None, np.zeros(0, np.int64)))
+    ds, dims = field.ds, layout.dims[component]
+    depth, order = layout.levels.get(component, (None, np.zeros(0, np.int64)))
     part = _on(ds, name, dims)
     if depth is not None and depth not in part.dims:
         # masks may have the levels under another name
@@ -45,7 +45,7 @@ def read(field: Field, layout: Layout, name: str, of: str = CENTRE) -> Values:
     part = part.isel(dict.fromkeys(extra, 0)).transpose(*wanted, *dims)
     if depth in part.dims:
         part = part.isel({depth: runs(order)[0] if np.all(np.diff(order) == 1) else order})
-    rows, columns = (runs(index) for index in layout.taken(of))
+    rows, columns = (runs(index) for index in layout.taken(component))
     pieces = [unpacked(part.isel({dims[0]: rows[0], dims[1]: piece})) for piece in columns]
     values = pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=-1)
     if depth not in wanted:
@@ -77,7 +77,11 @@ def _on(ds: xr.Dataset, name: str, dims: tuple[str, str]) -> xr.DataArray:
     part, sizes = ds[name], ds.sizes
     other = zip(map(str, part.dims[-2:]), dims, strict=False) if part.ndim > 1 else ()
     return part.rename(
-        {own: dim for own, dim in other if dim not in part.dims and part.sizes[own] == sizes[dim]}
+        {
+            found: dim
+            for found, dim in other
+            if dim not in part.dims and part.sizes[found] == sizes[dim]
+        }
     )
 
 

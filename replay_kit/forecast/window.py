@@ -89,8 +89,8 @@ def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
         middle = 0.5 * float(latitude.min() + latitude.max())
         levels = choose_levels(ds, tuple(dims.values()), config, middle, where)
         order = levels.position
-    of = {**dims, CENTRE: dims[U]}
-    layout = replace(layout, levels={name: (dim, order) for name, dim in of.items() if dim})
+    depth_dims = {**dims, CENTRE: dims[U]}
+    layout = replace(layout, levels={name: (dim, order) for name, dim in depth_dims.items() if dim})
     mask, by_level = mask_at_centres(field, layout)
     # a mask of the surface says nothing of fixed depths, which may lie below the sea bed
     velocity, counts = _at_centres(field, layout, by_level or (mask is not None and terrain))

@@ -56,7 +56,7 @@ def doubtful_times(
     """
     first_ns, last_ns = span
     latest = _MAX_NS if now_ns is None else now_ns + 86_400 * 10**9
-    stated = [(time_ns, stamp) for time_ns, of in samples if (stamp := header_stamp(of))]
+    stated = [(time_ns, stamp) for time_ns, payload in samples if (stamp := header_stamp(payload))]
     apart = float(np.median([stamp - time_ns for time_ns, stamp in stated])) if stated else 0.0
     begin = f"the log begins {time_text(first_ns)}"
     if first_ns < EARLIEST_NS:

@@ -247,13 +247,15 @@ def open_logs(
         groups.setdefault(_format_of(file), []).append(place)
     found: list[tuple[int, LogFile]] = []
     for form, places in groups.items():
-        own, read = [files[place] for place in places], _function(form.reader)
+        of_form, read = [files[place] for place in places], _function(form.reader)
         logs = (
-            read(own, config) if form.grouped else [read([one], 0, config, wanted) for one in own]
+            read(of_form, config)
+            if form.grouped
+            else [read([one], 0, config, wanted) for one in of_form]
         )
         # a file may be given twice; of several files the first tells the place
-        if len(logs) < len(own):
-            places = [places[own.index(log.files[0])] for log in logs]
+        if len(logs) < len(of_form):
+            places = [places[of_form.index(log.files[0])] for log in logs]
         for log in logs:
             log.unchecked = form.unchecked
         found += zip(places, logs, strict=True)

@@ -103,13 +103,13 @@ def entries(
         common: Fields of all messages.
         stamped: Whether the messages have their time as ``stamp``.
     """
-    own = {key: column for key, column in columns.items() if column is not time_ns}
+    others = {key: column for key, column in columns.items() if column is not time_ns}
     # some rows at once, to limit memory
     for some in np.split(rows, range(_ROWS, rows.size, _ROWS)):
-        parts = [column[some] for column in own.values()]
+        parts = [column[some] for column in others.values()]
         held = [numbers(part) if part.dtype.kind == "f" else part.tolist() for part in parts]
         for time, *row in zip(time_ns[some].tolist(), *held, strict=True):
-            payload = {**common, **dict(zip(own, row, strict=True))}
+            payload = {**common, **dict(zip(others, row, strict=True))}
             yield time, *kind, {"stamp": stamp(time)} | payload if stamped else payload
 
 
@@ -136,7 +136,10 @@ def by_variable(notes: Iterable[str]) -> list[str]:
         if not said or " " in name:
             name, said = "", note
         names.setdefault(said, []).append(name)
-    return [f"{', '.join(of)}: {said}" if of[0] else said for said, of in names.items()]
+    return [
+        f"{', '.join(variables)}: {said}" if variables[0] else said
+        for said, variables in names.items()
+    ]
 
 
 def short(note: str) -> str:

@@ -104,10 +104,10 @@ def extended(path: Path, positions: Columns, depth: Array) -> Path:
     )
 
 
-def _later(time: Integers, of: Mask, than: int) -> Indices:
+def _later(time: Integers, mask: Mask, than: int) -> Indices:
     """Return the indices of times later than a time and than all earlier ones."""
-    latest = np.maximum.accumulate(np.append(than, np.where(of, time, _LONG_AGO)))
-    return np.flatnonzero(of & (time > latest[:-1]))
+    latest = np.maximum.accumulate(np.append(than, np.where(mask, time, _LONG_AGO)))
+    return np.flatnonzero(mask & (time > latest[:-1]))
 
 
 def _stretches(start: Spot, when: Integers, places: Array) -> tuple[Array, Integers]:
@@ -259,18 +259,18 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
     deep = depth_order[1:][dive_begins(depth[1:], config.surface_depth)]
     dives = {0, *np.searchsorted(ends, deep).tolist()} & {*range(ends.size)}
     stops = [(int(ends[number]), COMPUTED, number) for number in dives]
-    stops += [(int(one.order[0]), OWN, number) for number, (one, _) in enumerate(messages)]
+    stops += [(int(message.order[0]), OWN, number) for number, (message, _) in enumerate(messages)]
     for due, rank, number in sorted(stops):
         if rank == OWN:
-            one, source = messages[number]
-            row = chosen(one.columns, 0)
+            message, source = messages[number]
+            row = chosen(message.columns, 0)
             way = path(int(np.searchsorted(ends, due, side="right")), due)
             ways, found, why = _match_stated(ways, way, row, step, due)
             velocity, time = row["velocity"], source.time_ns
             std = float(row["error_std"])
             stated = {name: float(row[name]) for name in _KEPT}
-            dive = int(row["dive"] if row["dive"] >= 0 else step.dived(one.order)["dive"][0])
-            own = [source.input, step.topic(source.topic), source.position, due, dive]
+            dive = int(row["dive"] if row["dive"] >= 0 else step.dived(message.order)["dive"][0])
+            origin = [source.input, step.topic(source.topic), source.position, due, dive]
             beside = bool(row["inverted"]) and config.use_inverted
         else:
             way, end = path(number, due), spot(positions, fixes[number])
@@ -279,7 +279,8 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
             found, time, std = (way, end), end.time, math.nan
             stated = dict.fromkeys(_KEPT, math.nan)
             velocity = np.array(drift(way, end))
-            ways, own = ways._replace(done=found), [positions[of][fixes[number]] for of in _SOURCE]
+            ways = ways._replace(done=found)
+            origin = [positions[column][fixes[number]] for column in _SOURCE]
             if config.dead_reckoning == "corrected" or ways.stated or not way.reckoned:
                 continue
             why, beside = "" if np.abs(velocity).max() <= config.max_speed else TOO_FAST, False
@@ -291,11 +292,11 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
             mean = path_mean(way, end, velocity, of_fixes if math.isnan(std) else std)
             # between opposite sides of the Earth no way is the shortest
             why = "" if np.isfinite(mean["path_longitude"]).all() else _NO_PATH
-        why = step.left_out("dac", own[-1]) or why
+        why = step.left_out("dac", origin[-1]) or why
         if rank == OWN:
-            step.note(one, why)
+            step.note(message, why)
         if not why:
-            mean |= dict(zip(_SOURCE, own, strict=True)) | {"source_time": time, "due": due}
+            mean |= dict(zip(_SOURCE, origin, strict=True)) | {"source_time": time, "due": due}
             mean |= {"time": max(mean["end_time"], time), "beside_profiles": beside, "rank": rank}
             made.append(mean | stated)
     names = made[0] if made else ()

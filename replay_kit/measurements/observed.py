@@ -42,9 +42,9 @@ from replay_kit.measurements.means import Ways, means_of
 from replay_kit.measurements.profiles import pings
 from replay_kit.measurements.profiles.earth import attitudes_of, motions_of, no_triples, to_earth
 from replay_kit.measurements.step import Found, Step
-from replay_kit.measurements.surface.vectors import DrifterFix, of_others
+from replay_kit.measurements.surface.vectors import DrifterFix, other_measurements
 from replay_kit.measurements.track.dives import depth_of, depths_of, no_depths
-from replay_kit.measurements.track.navigation import Depth, Frames, Sender, located, of_sender
+from replay_kit.measurements.track.navigation import Depth, Frames, Sender, from_sender, located
 from replay_kit.measurements.track.positions import as_of, beside, joined, no_rows, recent
 from replay_kit.measurements.track.reach import THROWN, Reach, within_reach
 
@@ -101,39 +101,47 @@ def measure(
         config: Settings of the measurements.
         last: Whether the log ends with the block.
     """
-    tables = sorted((one for one in tables if len(one)), key=lambda one: int(one.order[0]))
+    tables = sorted(
+        (table for table in tables if len(table)), key=lambda table: int(table.order[0])
+    )
     step = Step(config, clock, last, {name: k for k, name in enumerate(memory.topics)}, {}, [])
-    for one in tables:
-        step.topic(one.topic)
-    sender, tables = of_sender(memory.sender, tables, step)
-    of = defaultdict[str, list[Table]](list)
-    for one in tables:
-        of[one.kind].append(one)
-    for one in of["unused"]:
-        step.note(one, one["reason"])
-    frames, positions, stated = located(memory.frames, of, step)
+    for table in tables:
+        step.topic(table.topic)
+    sender, tables = from_sender(memory.sender, tables, step)
+    by_kind = defaultdict[str, list[Table]](list)
+    for table in tables:
+        by_kind[table.kind].append(table)
+    for table in by_kind["unused"]:
+        step.note(table, table["reason"])
+    frames, positions, stated = located(memory.frames, by_kind, step)
     reach, rows, counts, findings = within_reach(memory.reach, positions, last)
-    own, reached = rows["own"], chosen(rows, counts)
-    step.add(rows["order"][own], rows["topic"][own], np.where(counts, "", THROWN)[own])
+    of_vehicle, reached = rows["own"], chosen(rows, counts)
+    step.add(
+        rows["order"][of_vehicle],
+        rows["topic"][of_vehicle],
+        np.where(counts, "", THROWN)[of_vehicle],
+    )
     attitudes = attitudes_of(memory.attitudes, tables, step)
-    motions, water = motions_of(memory.motions, of["dvl"], attitudes, step)
-    arrivals = [to_earth(one, attitudes, motions, config) for one in (*of["ping"], *water)]
+    motions, water = motions_of(memory.motions, by_kind["dvl"], attitudes, step)
+    arrivals = [to_earth(table, attitudes, motions, config) for table in (*by_kind["ping"], *water)]
     positions = joined(memory.positions, reached)
-    stated += _depths((*of["depth"], *arrivals), positions, step)
+    stated += _depths((*by_kind["depth"], *arrivals), positions, step)
     depths = depths_of(memory.depths, stated, config.surface_depth)
     step = step._replace(depths=depths, new=len(memory.positions["order"]), reach=reach)
     dived = step.dived(reached["order"])
     new = reached | {name: dived[name] for name in ("depth", "submerged", "dive")}
     positions = joined(memory.positions, new)
     step = step._replace(positions=positions)
-    came = [pings.arrived(one, step) for one in arrivals]
+    came = [pings.arrived(table, step) for table in arrivals]
     waiting, decided = pings.decided(memory.waiting, came, step)
-    found = [made for one in decided for made in pings.profiled(one, step)]
+    found = [made for table in decided for made in pings.profiled(table, step)]
     profiles, tests = pings.stacked(found)
-    ways, means = means_of(memory.ways, of["mean"], step)
-    line, linear = _ctd_measurements(memory.line, of, step)
+    ways, means = means_of(memory.ways, by_kind["mean"], step)
+    line, linear = _ctd_measurements(memory.line, by_kind, step)
     drifters = dict(memory.drifters)
-    linear += of_others(drifters, of["radar"] + of["drifter"] + of["sensor"], step)
+    linear += other_measurements(
+        drifters, by_kind["radar"] + by_kind["drifter"] + by_kind["sensor"], step
+    )
     linear.sort(key=lambda pair: pair[0])
     after = Memory(
         tuple(step.topics),
@@ -154,7 +162,7 @@ def measure(
         new,
         profiles,
         means,
-        [one for _, one in linear],
+        [table for _, table in linear],
         tuple(step.topics),
         step.outcomes(),
         tuple(step.reasons),
@@ -181,33 +189,33 @@ def _events(positions: Rows, profiles: Rows, means: Rows, linear: Found) -> Inte
 
 
 def _ctd_measurements(
-    line: Any, of: Mapping[str, Sequence[Table]], step: Step
+    line: Any, by_kind: Mapping[str, Sequence[Table]], step: Step
 ) -> tuple[Any, Found]:
     """Return the CTD's line after a block, and the completed measurements."""
-    if line is None and not of["ctd"]:
+    if line is None and not by_kind["ctd"]:
         return None, []
     # loads scipy, which most logs need not
-    from replay_kit.measurements.ctd.lines import SectionLine, of_ctd
+    from replay_kit.measurements.ctd.lines import SectionLine, ctd_shears
 
     new = chosen(step.positions, slice(step.new, None))
     surfacings = new["order"][~new["submerged"]]
-    return of_ctd(line or SectionLine(), of["ctd"], surfacings, step)
+    return ctd_shears(line or SectionLine(), by_kind["ctd"], surfacings, step)
 
 
 def _depths(tables: Sequence[Table], positions: Columns, step: Step) -> list[Depth]:
     """Return the depths in tables, or of pings with pressure in logs without other depths; notes the messages of the former."""
     rows = list[Depth]()
-    for one in tables:
-        by, is_stated = one.fixed.get("by", "pressure"), one.kind == "depth"
-        depth = one[by]
+    for table in tables:
+        by, is_stated = table.fixed.get("by", "pressure"), table.kind == "depth"
+        depth = table[by]
         if by == "pressure":
-            depth = depth_of(depth, beside(positions, as_of(one.order, positions["order"]))[2])
+            depth = depth_of(depth, beside(positions, as_of(table.order, positions["order"]))[2])
         if is_stated:
-            step.note(one, np.where(np.isfinite(depth), "", f"{by} is not a number"))
+            step.note(table, np.where(np.isfinite(depth), "", f"{by} is not a number"))
         else:
-            counts = (one["why"] == "") & (one["absolute"] | step.config.use_relative)
-            depth = np.where(counts & np.isnan(one["place"][:, 0]), depth, np.nan)
-        rows.append((one.order, depth, is_stated))
+            counts = (table["why"] == "") & (table["absolute"] | step.config.use_relative)
+            depth = np.where(counts & np.isnan(table["place"][:, 0]), depth, np.nan)
+        rows.append((table.order, depth, is_stated))
     return rows
 
 
@@ -279,11 +287,14 @@ def rows(block: Block) -> Iterator[VehicleState | Measurement]:
 
 def _value(made: Any, columns: Columns, row: int, block: Block, **changes: Any) -> Any:
     """Return a row of a block as an object with fields from the columns of their names, except for ``changes``."""
-    one = {name: of[row].item() if of.ndim == 1 else of[row] for name, of in columns.items()}
-    time = one.get("source_time", one["time"])
-    source = Source(one["input"], block.topics[one["topic"]], one["ordinal"], time)
-    one |= {"time_ns": one["time"], "source": source, **changes}
-    return made(**{name: one[name] for name in made.__slots__ if name in one})
+    values = {
+        name: column[row].item() if column.ndim == 1 else column[row]
+        for name, column in columns.items()
+    }
+    time = values.get("source_time", values["time"])
+    source = Source(values["input"], block.topics[values["topic"]], values["ordinal"], time)
+    values |= {"time_ns": values["time"], "source": source, **changes}
+    return made(**{name: values[name] for name in made.__slots__ if name in values})
 
 
 def observation(block: Block, row: int) -> Observation:
@@ -309,8 +320,8 @@ _OF_POINTS = ("longitude", "latitude", "depth")
 def path_mean(block: Block, row: int) -> PathMean:
     """Return a mean current of a block."""
     columns = block.mean
-    one = {name: of[row].tolist() for name, of in columns.items()}
-    points, reckoned = slice(one["points"]), tuple(one["reckoned"])
+    values = {name: column[row].tolist() for name, column in columns.items()}
+    points, reckoned = slice(values["points"]), tuple(values["reckoned"])
     found: PathMean = _value(
         PathMean,
         columns,
@@ -319,9 +330,9 @@ def path_mean(block: Block, row: int) -> PathMean:
         **{name: columns[f"path_{name}"][row, points] for name in _OF_POINTS},
         path_time_ns=columns["path_time"][row, points],
         weight=columns["weight"][row, points],
-        velocity=tuple(one["velocity"]),
+        velocity=tuple(values["velocity"]),
         kind="dac",
-        fixes=tuple(Fix(one[f"{name}_time"], *one[name]) for name in ("start", "end")),
+        fixes=tuple(Fix(values[f"{name}_time"], *values[name]) for name in ("start", "end")),
         reckoned=None if np.isnan(reckoned[0]) else reckoned,
     )
     return found

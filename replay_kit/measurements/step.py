@@ -66,11 +66,16 @@ class Step(NamedTuple):
 
     def messages(self, tables: Sequence[Table]) -> list[tuple[Table, Source]]:
         """Return the single rows of tables in order, with their messages."""
-        rows = [one.rows(slice(k, k + 1)) for one in tables for k in range(len(one))]
-        rows.sort(key=lambda one: int(one.order[0]))
+        rows = [message.rows(slice(k, k + 1)) for message in tables for k in range(len(message))]
+        rows.sort(key=lambda message: int(message.order[0]))
         return [
-            (one, Source(one.input, one.topic, int(one.position[0]), int(one.time[0])))
-            for one in rows
+            (
+                message,
+                Source(
+                    message.input, message.topic, int(message.position[0]), int(message.time[0])
+                ),
+            )
+            for message in rows
         ]
 
     def topic(self, name: str) -> int:

@@ -154,7 +154,7 @@ def difference(one: Path, other: Path) -> Difference:
     files = ResultFile(one), ResultFile(other)
     records = [_recorded(each.reader) for each in files]
     versions = [each.metadata["contract"]["version"] for each in records]
-    vehicles = [[of.name for of in each.reader.vehicles] or [""] for each in files]
+    vehicles = [[vehicle.name for vehicle in each.reader.vehicles] or [""] for each in files]
     named = [", ".join(names) or "a single one" for names in vehicles]
     for what, (a, b) in (("contract version", versions), ("vehicles", named)):
         if a != b:

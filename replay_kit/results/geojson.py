@@ -94,8 +94,8 @@ def plan_of(message: Any, areas: tuple[Area, ...] = ()) -> Plan:
 def _areas(geojson: Mapping[str, Any]) -> tuple[Area, ...]:
     """Return the no-go areas of a plan's features; those of earlier versions have a kind for a role."""
     found = []
-    for one in geojson["features"]:
-        about, rings = one["properties"], one["geometry"]["coordinates"]
+    for area in geojson["features"]:
+        about, rings = area["properties"], area["geometry"]["coordinates"]
         if about.get("role", about.get("kind")) == "no_go":
             corners, *holes = (tuple((x, y) for x, y in ring[:-1]) for ring in rings)
             name = about.get("area", about["name"])
@@ -106,15 +106,15 @@ def _areas(geojson: Mapping[str, Any]) -> tuple[Area, ...]:
 def features_of(contents: "Contents") -> list[Feature]:
     """Return the features of a result, with names of several vehicles, in drawing order."""
     found = []
-    for vehicle, one in contents.each.items():
-        plan = one.last_plan
-        planned = plan_features(plan, one.projection) if plan is not None else ()
-        for each in (*planned, *_of_track(one), *_of_surfacings(one)):
+    for vehicle, of_vehicle in contents.each.items():
+        plan = of_vehicle.last_plan
+        planned = plan_features(plan, of_vehicle.projection) if plan is not None else ()
+        for each in (*planned, *_track_features(of_vehicle), *_surfacing_features(of_vehicle)):
             about = each["properties"]
             about |= {"name": f"{vehicle} {about['name']}", "vehicle": vehicle} if vehicle else {}
             found.append(each)
     order = [*ROLES]
-    return sorted(found, key=lambda one: order.index(one["properties"]["role"]))
+    return sorted(found, key=lambda item: order.index(item["properties"]["role"]))
 
 
 def until(features: Sequence[Feature], time_ns: int | None) -> list[Feature]:
@@ -122,15 +122,15 @@ def until(features: Sequence[Feature], time_ns: int | None) -> list[Feature]:
     if time_ns is None:
         return [*features]
     end, kept = time_text(time_ns), []
-    for one in features:
-        about, shape = one["properties"], one["geometry"]
+    for item in features:
+        about, shape = item["properties"], item["geometry"]
         # a plan is made at its time, also where it leads on
         if "time" in about or "coordTimes" not in about:
-            kept += [one] if about.get("time", "") <= end else []
+            kept += [item] if about.get("time", "") <= end else []
         elif count := sum(time <= end for time in about["coordTimes"]):
             shape = {**shape, "coordinates": shape["coordinates"][:count]}
             times = {"coordTimes": about["coordTimes"][:count]}
-            kept.append({**one, "geometry": shape, "properties": {**about, **times}})
+            kept.append({**item, "geometry": shape, "properties": {**about, **times}})
     return kept
 
 
@@ -189,7 +189,7 @@ def place_features(series: "pd.DataFrame", projection: Projection) -> list[Featu
     return found
 
 
-def _of_track(contents: "Contents") -> Iterator[Feature]:
+def _track_features(contents: "Contents") -> Iterator[Feature]:
     track = contents.track
     if track.time_ns.size == 0:
         return
@@ -205,7 +205,7 @@ def _of_track(contents: "Contents") -> Iterator[Feature]:
         yield placed("Point", at[k], role, role, {"time": times[k]})
 
 
-def _of_surfacings(contents: "Contents") -> Iterator[Feature]:
+def _surfacing_features(contents: "Contents") -> Iterator[Feature]:
     table, projection = contents.result.surfacings, contents.projection
     for row in table.reset_index().to_dict("records"):
         at = {

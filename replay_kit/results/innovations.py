@@ -83,11 +83,11 @@ def blocks_in(reader: ResultReader, newest: bool = False) -> Iterator[Columns]:
     held = reader.schema(TOPIC)
     if held is not None and held.name == "replay_kit.Innovation":
         earlier = reader.decoded(TOPIC, newest)
-        return (columns_of(encode(_NAME, _of_one(message))) for _, message in earlier)
+        return (columns_of(encode(_NAME, _single_innovation(message))) for _, message in earlier)
     return (columns_of(data) for _, data in reader.messages(TOPIC, newest))
 
 
-def _of_one(message: Any) -> dict[str, Any]:
+def _single_innovation(message: Any) -> dict[str, Any]:
     """Return the fields of a block with the single innovation of a message of contract version 5."""
     mean, held = message.mean_current, dict[str, Any]()
     for field in MESSAGES[_NAME]:
@@ -146,10 +146,8 @@ def tables_of(columns: Columns) -> Tables:
     for name, less in (("predicted", "innovation"), ("estimated", "residual")):
         for end in ("east", "north"):
             measured, corrected = (single[f"{mean}_{end}"] for mean in _MEANS)
-            used, values = (
-                np.where(np.isnan(corrected), measured, corrected),
-                np.full(counts.size, np.nan),
-            )
+            used = np.where(np.isnan(corrected), measured, corrected)
+            values = np.full(counts.size, np.nan)
             values[means] = used[means] - columns[f"{less}_{end}"][begins[means]]
             single[f"mean_current_{name}_{end}"] = values
     dof = np.where(single["dof"] > 0, single["dof"], np.nan)
@@ -234,10 +232,10 @@ def thinned(count: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.rint(np.linspace(0, count - 1, most)).astype(np.intp))
 
 
-def of_dives(sums: "pd.DataFrame") -> "pd.DataFrame":
+def rows_of_dives(sums: "pd.DataFrame") -> "pd.DataFrame":
     """Return the rows of ``Measured.sums`` on profiles and mean currents used of dives; shear, radar and sensors are of no dive."""
-    own = sums["mean_current_kind"].isin(("", "dac", "drift"))
-    return sums[sums["accepted"] & (sums["dive"] > 0) & own]
+    of_vehicle = sums["mean_current_kind"].isin(("", "dac", "drift"))
+    return sums[sums["accepted"] & (sums["dive"] > 0) & of_vehicle]
 
 
 def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
@@ -249,7 +247,7 @@ def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    used = of_dives(sums)
+    used = rows_of_dives(sums)
     begins, measured = used["first"].copy(), fixes.index[~fixes["dead_reckoned"].to_numpy(np.bool_)]
     before = measured.searchsorted(begins) - 1
     # a dive's mean current begins at the last position measured before its end

@@ -41,7 +41,7 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
     """Return the layout of a result with the given topics."""
     has = frozenset(topics)
     text = files("replay_kit.results").joinpath("panels.json").read_text(encoding="utf-8")
-    layout: dict[str, Any] = _of_topics(json.loads(text), has)
+    layout: dict[str, Any] = _settings_of_topics(json.loads(text), has)
     panels, below = layout["configById"], layout["layout"]["second"]
     for axis, end in (("u", "east"), ("v", "north")):
         panels[f"3D!error_{axis}"] = scene = deepcopy(panels["3D!speed"])
@@ -59,7 +59,7 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
     return layout
 
 
-def _of_topics(value: Any, has: frozenset[str]) -> Any:
+def _settings_of_topics(value: Any, has: frozenset[str]) -> Any:
     """Return settings with those of the topics of a result alone; of several depths the shallowest is shown."""
     if not isinstance(value, Mapping):
         return value
@@ -70,7 +70,7 @@ def _of_topics(value: Any, has: frozenset[str]) -> Any:
             names = [depths[depth] for depth in sorted(depths)]
             found |= {name: item | {"visible": name == names[0]} for name in names}
         elif key in has or not key.startswith("/"):
-            found[key] = _of_topics(item, has)
+            found[key] = _settings_of_topics(item, has)
     return found
 
 

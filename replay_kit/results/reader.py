@@ -136,10 +136,10 @@ class ResultReader:
         found = {name: values for owner, name, values in split if owner in ("", self.vehicle)}
         for name in (DIGEST_NAME, VEHICLES_RECORD):
             found.pop(name, None)
-        (own,) = (one for one in vehicle_records(dict(self.records)) if one.name == self.vehicle)
+        (record,) = (one for one in vehicle_records(dict(self.records)) if one.name == self.vehicle)
         inputs = found.get(_INPUTS, {}).items()
-        kept = {k: text for k, text in inputs if not k.startswith("log") or k in own.logs}
-        return found | {_INPUTS: kept, _OPTIONS: {**found.get(_OPTIONS, {}), "goal": own.goal}}
+        kept = {k: text for k, text in inputs if not k.startswith("log") or k in record.logs}
+        return found | {_INPUTS: kept, _OPTIONS: {**found.get(_OPTIONS, {}), "goal": record.goal}}
 
     @property
     def projection(self) -> Projection:
@@ -156,10 +156,10 @@ class ResultReader:
         """Return the attachments with wanted names, as in a single-vehicle result."""
         windows: Mapping[str, str] = self.metadata.get(WINDOWS_RECORD, {})
         number = json.loads(windows.get("vehicles", "{}")).get(self.vehicle)
-        own = f"{WINDOW_NAME}{number}"
+        window = f"{WINDOW_NAME}{number}"
         found = dict[str, Attachment]()
-        for one in self.summary.attachment_indexes:
-            owner, _, name = one.name.rpartition("/")
+        for entry in self.summary.attachment_indexes:
+            owner, _, name = entry.name.rpartition("/")
             if (
                 self.vehicle
                 and owner != self.vehicle
@@ -167,13 +167,13 @@ class ResultReader:
             ):
                 continue
             if not self.vehicle:
-                name = one.name
+                name = entry.name
             stem, dot, ending = name.partition(".")
-            if number and stem in ("estimate", own):
+            if number and stem in ("estimate", window):
                 # so that the last one is that of the vehicle's window
-                name = f"{own if stem == 'estimate' else 'estimate'}{dot}{ending}"
+                name = f"{window if stem == 'estimate' else 'estimate'}{dot}{ending}"
             if wanted(name):
-                found[name] = self.file.attachment(one.offset)
+                found[name] = self.file.attachment(entry.offset)
         return found
 
     @cached_property
@@ -206,8 +206,8 @@ class ResultReader:
 
     def schema(self, topic: str) -> Schema | None:
         """Return the schema of a topic; None without messages."""
-        own = self._own(topic)
-        kinds = (one.schema_id for one in self.summary.channels.values() if one.topic in own)
+        topics = self._own(topic)
+        kinds = (one.schema_id for one in self.summary.channels.values() if one.topic in topics)
         return next((self.summary.schemas[kind] for kind in kinds), None)
 
     def decoded(self, topic: str, newest: bool = False, until_ns: int | None = None) -> Any:

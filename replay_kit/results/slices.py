@@ -256,9 +256,7 @@ def _axis(grid: Grid, values: Array) -> Array:
     least, most = float(values.min()), float(values.max())
     # meridians and parallels are bent in the local frame: only their innermost points have all of the axis inside
     beside = min(0.5 * cell, 0.25 * (most - least))
-    first, last = (
-        float(values[values <= least + beside].max()),
-        float(values[values >= most - beside].min()),
-    )
+    first = float(values[values <= least + beside].max())
+    last = float(values[values >= most - beside].min())
     # at least two centres: a slice's cell size is the distance between them
     return np.linspace(first, last, max(2, round((last - first) / cell) + 1))

@@ -49,8 +49,8 @@ def track_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     track = fixes.assign(depth=fixes["depth"].where(known, 0.0))
     found = velocity_along(contents.estimate, track).to_pandas()
     found.loc[~known, [*KEPT]] = np.nan
-    own = {name: fixes[name].to_numpy() for name in ("depth", "dead_reckoned")}
-    return found.assign(**own)
+    measured = {name: fixes[name].to_numpy() for name in ("depth", "dead_reckoned")}
+    return found.assign(**measured)
 
 
 def section_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
@@ -161,12 +161,12 @@ def export(
     if ENDINGS[ending] == _MAPPED:
         series = series_table(contents, places) if "series" in names else pd.DataFrame()
         every = [*features_of(contents), *place_features(series, contents.projection)]
-        of = [ROLES[one["properties"]["role"]] for one in every]
-        found = [styled(one) for one, table in zip(every, of, strict=True) if table in names]
+        roles = [ROLES[one["properties"]["role"]] for one in every]
+        found = [styled(one) for one, table in zip(every, roles, strict=True) if table in names]
         in_json = collection_text(found, indent=1) + "\n" if ending == ".geojson" else ""
         write_whole(path, in_json or kml_text(found))
-        return {name: of.count(name) for name in names}
-    tables = {name: _of_all(name, contents, places) for name in names}
+        return {name: roles.count(name) for name in names}
+    tables = {name: _joined_table(name, contents, places) for name in names}
     if ending == ".nc":
         # loads xarray
         from replay_kit.core.flow.dataset import write_dataset
@@ -177,7 +177,7 @@ def export(
     return {name: len(rows) for name, rows in tables.items()}
 
 
-def _of_all(name: str, contents: Contents, places: Sequence[At]) -> pd.DataFrame:
+def _joined_table(name: str, contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     """Return a table of a result; for several vehicles with a column ``vehicle``, and common values once."""
     table = TABLES[name]
     if "" in contents.each or name in ("series", "surface"):
@@ -259,15 +259,15 @@ def _attributes(table: str, column: str, kind: str) -> dict[str, Any]:
     return whole | units | known | named
 
 
-def styled(one: Feature) -> Feature:
+def styled(item: Feature) -> Feature:
     """Return a feature with colours and widths as simplestyle properties."""
-    look = ON_MAP.get(one["properties"]["role"], {"kind": "points", "color": "three"})
+    look = ON_MAP.get(item["properties"]["role"], {"kind": "points", "color": "three"})
     color = LIGHT.get(look["color"], look["color"])
     style: dict[str, Any] = {"marker-color": color, "marker-size": "small"}
     if look["kind"] != "points":
         style = {"stroke": color, "stroke-width": look.get("width", 3), "stroke-opacity": 1.0}
         style |= {"fill": color, "fill-opacity": 0.15} if look["kind"] == "ring" else {}
-    return {**one, "properties": one["properties"] | style}
+    return {**item, "properties": item["properties"] | style}
 
 
 # What KML has in elements of its own, or only a drawing needs.
@@ -281,8 +281,8 @@ def kml_text(features: Sequence[Feature]) -> str:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<kml {names}><Document>\n{places}</Document></kml>\n'
 
 
-def _placemark(one: Feature) -> str:
-    about, kind = one["properties"], one["geometry"]["type"]
+def _placemark(item: Feature) -> str:
+    about, kind = item["properties"], item["geometry"]["type"]
     data = "".join(
         f'<Data name="{escape(key)}"><value>{escape(str(value))}</value></Data>'
         for key, value in about.items()
@@ -292,7 +292,7 @@ def _placemark(one: Feature) -> str:
     text = "" if said is None else f"<description>{escape(said)}</description>"
     when = about.get("time", "") if kind == "Point" else ""
     time = f"<TimeStamp><when>{when}</when></TimeStamp>" if when else ""
-    shape = _shape(kind, one["geometry"]["coordinates"], about.get("coordTimes", ()))
+    shape = _shape(kind, item["geometry"]["coordinates"], about.get("coordTimes", ()))
     return (
         f"<Placemark><name>{escape(about['name'])}</name>{text}{time}{_style(about)}"
         f"<ExtendedData>{data}</ExtendedData>{shape}</Placemark>\n"

@@ -107,9 +107,9 @@ def _part(key: str, value: Any, form: str) -> str | Shown | None:
     if value is None or isinstance(value, str):
         return clock(value) if value and form == "clock" else value or None
     if form in _FORMS:
-        factor, own, *unit = _FORMS[form]
+        factor, spec, *unit = _FORMS[form]
         times, over = map(float, factor.split("/"))
-        return Shown(key, value, " ".join([f"{times * value / over:{own}}", *unit]))
+        return Shown(key, value, " ".join([f"{times * value / over:{spec}}", *unit]))
     special = {
         "span": lambda: hours_text(value),
         "days": lambda: hours_text(86_400.0 * value),

@@ -15,15 +15,15 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
     rejected = ", ".join(f"{{bins_rejected.{name}}} {name}" for name in counts["bins_rejected"])
     means, sources = counts.get("mean_currents", 0), counts.get("sources", ())
     others = sum(row["used"] for row in sources)
-    own = counts["used"] - means - others
+    n = counts["used"] - means - others
     profiles = (
-        f"{own} profiles used ({profile_bins(counts)} bins)"
+        f"{n} profiles used ({profile_bins(counts)} bins)"
         if means or others
         else "{used} profiles used ({bins_used} bins)"
     )
     currents = f"{{mean_currents}} mean {'current' if means == 1 else 'currents'} used"
     used = [
-        *([profiles] if own or not means + others else []),
+        *([profiles] if n or not means + others else []),
         *([currents] if means else []),
         "{rejected} rejected",
     ]
@@ -233,20 +233,20 @@ def vehicle_rows(outcome: Outcome) -> list[tuple[str, ...]]:
 
 def vehicle_cells(outcome: Outcome) -> list[tuple[str | Shown, ...]]:
     """Return a row for each vehicle, including those without observations."""
-    rows = [_row(name, own) for name, own in outcome.vehicles.items()]
+    rows = [_row(name, of_vehicle) for name, of_vehicle in outcome.vehicles.items()]
     aside = [name for name in outcome.unused if name not in outcome.vehicles]
     return rows + [(name, "0", *[""] * (len(COLUMNS) - 3), "not used") for name in aside]
 
 
-def _row(name: str, own: Outcome) -> tuple[str | Shown, ...]:
-    counts, plan, word = own.observations, own.plan, own.verdict.word
-    found = [one["name"] for one in own.consistency]
-    of, used = f"vehicles.{name}", counts["used"]
+def _row(name: str, outcome: Outcome) -> tuple[str | Shown, ...]:
+    counts, plan, word = outcome.observations, outcome.plan, outcome.verdict.word
+    found = [one["name"] for one in outcome.consistency]
+    path, used = f"vehicles.{name}", counts["used"]
     return (
         name,
-        Shown(f"{of}.observations.used", used, f"{used:,}"),
-        _cm(f"{of}.rms_innovation.before", own.rms_innovation["before"]),
-        own.errors_text.removeprefix("errors "),
+        Shown(f"{path}.observations.used", used, f"{used:,}"),
+        _cm(f"{path}.rms_innovation.before", outcome.rms_innovation["before"]),
+        outcome.errors_text.removeprefix("errors "),
         "" if plan is None else plan["status"],
         f"{word}: {found[0]}" if found else word,
     )
@@ -254,9 +254,9 @@ def _row(name: str, own: Outcome) -> tuple[str | Shown, ...]:
 
 def vehicle_sentences(outcome: Outcome) -> Iterator[str]:
     """Yield sentences on alarms and notes of each vehicle."""
-    for name, own in outcome.vehicles.items():
-        yield from (f"ALARM: {name}: {alarm.text}" for alarm in own.alarms)
-        yield from (f"Note: {name}: {note}" for note in own.notes)
+    for name, of_vehicle in outcome.vehicles.items():
+        yield from (f"ALARM: {name}: {alarm.text}" for alarm in of_vehicle.alarms)
+        yield from (f"Note: {name}: {note}" for note in of_vehicle.notes)
 
 
 def _cm(key: str, value: float | None) -> str | Shown:

@@ -76,8 +76,8 @@ def print_summary(
 
 def vehicle_alarms(outcome: Outcome) -> Iterator[str]:
     """Yield a line for each vehicle's alarm."""
-    for name, own in outcome.vehicles.items():
-        yield from (f"ALARM      {name}: {alarm.text}" for alarm in own.alarms)
+    for name, of_vehicle in outcome.vehicles.items():
+        yield from (f"ALARM      {name}: {alarm.text}" for alarm in of_vehicle.alarms)
 
 
 def _print_tables(outcome: Outcome, console: Console) -> None:
@@ -103,10 +103,10 @@ def _print_tables(outcome: Outcome, console: Console) -> None:
         each = (f"{stage} {seconds:.2f} s" for stage, seconds in outcome.seconds.items())
         print_lines(console, [f"Time: {', '.join(each)}"])
     print_lines(console, (f"Note: {note}" for note in outcome.notes))
-    for name, own in outcome.vehicles.items():
+    for name, of_vehicle in outcome.vehicles.items():
         console.print()
         console.print(name)
-        _print_tables(own, console)
+        _print_tables(of_vehicle, console)
 
 
 def _dive_cells(row: Mapping[str, Any]) -> tuple[str, ...]:

@@ -96,11 +96,11 @@ def smooth(
         advance = reading(logs.all, progress, "reading the logs")
         for block in inputs.played(run):
             advance(len(block))
-        of, (account,) = run.of[0], inputs.accounts(run)
+        vehicle, (account,) = run.vehicles[0], inputs.accounts(run)
         useless_of(run, inputs)
         progress(0, 0, "smoothing")
         static = [] if changes(estimator) else [STATIC]
-        found = found_of(of, account, run.flow_now(), inputs)
+        found = found_of(vehicle, account, run.flow_now(), inputs)
         notes = [*forecasts.notes, *found["notes"], *estimator.notes(), *static]
         outcome = made(found | {"notes": notes}, (*job.logs, *job.forecasts))
         with run.clock.stage("smooth"):
@@ -176,7 +176,7 @@ def _write(
                 block = []
         if block:
             writer.innovations(block)
-        dives = [dive for mean in run.of[0].monitoring.means if (dive := flown_of(mean))]
+        dives = [dive for mean in run.vehicles[0].monitoring.means if (dive := flown_of(mean))]
         if (flown := AsFlown.of(dives)) is not None:
             writer.write_metadata(AS_FLOWN, flown.to_record())
         writer.consistency(last_ns, outcome.consistency)

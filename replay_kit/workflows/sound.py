@@ -35,13 +35,13 @@ class Sound:
 
     Attributes:
         file: Opened readable file.
-        of: File as given.
+        given: File as given.
         losses: Content of that file that was lost.
         unchecked: Whether no checksum covers the whole file, as in files of other programs.
     """
 
     file: OpenResult
-    of: Path
+    given: Path
     losses: tuple[Loss, ...] = ()
     unchecked: bool = False
 
@@ -58,10 +58,8 @@ class Sound:
     @property
     def lines(self) -> tuple[str, ...]:
         """Losses, and whether damage could be detected, one line each."""
-        lost = tuple(f"LOST: {self.of.name}: {loss_words(loss)}" for loss in self.losses)
-        note = (
-            f"Note: {self.of.name}: has no checksum of the whole file, so damage cannot be detected"
-        )
+        lost = tuple(f"LOST: {self.given.name}: {loss_words(loss)}" for loss in self.losses)
+        note = f"Note: {self.given.name}: has no checksum of the whole file, so damage cannot be detected"
         return (*lost, note) if self.unchecked else lost
 
 
@@ -86,10 +84,10 @@ def sound_result(path: Path) -> Iterator[Sound]:
 
 
 def _too_little(sound: Sound, error: Exception) -> LogError:
-    why = str(error).replace(str(sound.path), str(sound.of))
-    own = isinstance(error, ReplayKitError)
+    why = str(error).replace(str(sound.path), str(sound.given))
+    is_ours = isinstance(error, ReplayKitError)
     return LogError(
-        f"{why if own else f'{sound.of}: expected a result of replay-kit replay or plan, but too little of it could be recovered'}"
+        f"{why if is_ours else f'{sound.given}: expected a result of replay-kit replay or plan, but too little of it could be recovered'}"
         f" ({'; '.join(sound.lines)}); copy the file again, or make the result again"
     )
 

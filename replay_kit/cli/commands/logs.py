@@ -103,10 +103,8 @@ def info(
                 near_ns = Logs([logs], config).ahead()[1]
             forecast = describe_ensemble(files, config.forecast, near_ns)
             check = check_logs(logs, files, config) if logs else None
-    console, answer = (
-        outputs.console(suggest),
-        dict[str, Any](logs=[info_json(log) for log in found]),
-    )
+    console = outputs.console(suggest)
+    answer = dict[str, Any](logs=[info_json(log) for log in found])
     refusal, following = None, list[str]()
     if forecast is not None:
         print_ensemble(forecast, console)

@@ -58,7 +58,7 @@ class Outputs(Answer):
     ] = None
     write_unsafe: Switch = False
 
-    def of(self, name: str) -> "Outputs":
+    def for_vehicle(self, name: str) -> "Outputs":
         """Return the files of one of several gliders, its name inserted before the ending."""
         names = "out", "geojson", "csv", "waypoints"
         files = {key: path for key in names if (path := getattr(self, key)) is not None}
@@ -102,8 +102,12 @@ def plan(
     if request.glider:
         if "-" in (str(outputs.geojson), str(outputs.csv)):
             raise ConfigError("--geojson and --csv: expected files with --glider, one for each")
-        each = [outputs.of(name) for name in request.glider_places]
-        written = [path for own in each for path in (own.out, own.geojson, own.csv, own.waypoints)]
+        each = [outputs.for_vehicle(name) for name in request.glider_places]
+        written = [
+            path
+            for of_plan in each
+            for path in (of_plan.out, of_plan.geojson, of_plan.csv, of_plan.waypoints)
+        ]
         written.append(outputs.json_file)
     check_paths([*files, settings.file], written, outputs.overwrite)
 
@@ -142,17 +146,19 @@ def _plan(config: "RunConfig", outputs: Outputs, known: "Mapping[Path, FlowFile]
     try:
         outputs.write(plans_json(made))
         for name, one in made.planned.items():
-            own = outputs.of(name) if name else outputs
+            files = outputs.for_vehicle(name) if name else outputs
             if name in withheld:
                 continue
-            for path, text in texts_of(one, own.geojson, own.csv, own.waypoints):
+            for path, text in texts_of(one, files.geojson, files.csv, files.waypoints):
                 write_text(path, text)
-            if own.out is not None:
+            if files.out is not None:
                 # with what it records of a replay
                 from replay_kit.workflows.planning.record import write_mission
 
                 plan = config.plan.model_copy(update={"of_glider": name} if name else {})
-                write_mission(own.out, own.overwrite, one, config.model_copy(update={"plan": plan}))
+                write_mission(
+                    files.out, files.overwrite, one, config.model_copy(update={"plan": plan})
+                )
     finally:
         # after the files, which a reader of the first lines alone would end; and also where one cannot be written
         print_plans(made, console, withheld)

@@ -210,7 +210,7 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob
                 f"--goal {name}: expected the name of a vehicle of --as, one of {', '.join(named) or 'none'}"
             )
         goals[name] = place(numbers, "--goal")
-    given = [log for own in named.values() for log in own]
+    given = [log for of_vehicle in named.values() for log in of_vehicle]
     if named and (unnamed := [str(log) for log in logs if log not in given]):
         raise ConfigError(
             f"{', '.join(unnamed)}: expected the logs of all vehicles after --as NAME=, as of {', '.join(named)}; name its vehicle"
@@ -227,7 +227,9 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob
         outputs.overwrite,
         outputs.include_inputs,
         against=inputs.against,
-        vehicles=tuple(Vehicle(name, own, goals.get(name)) for name, own in named.items()),
+        vehicles=tuple(
+            Vehicle(name, of_vehicle, goals.get(name)) for name, of_vehicle in named.items()
+        ),
         tell=outputs.console().print,
     )
 

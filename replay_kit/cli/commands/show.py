@@ -186,9 +186,13 @@ def plot(
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
-        of = contents if figure == "map" and look.vehicle is None else contents.of(look.vehicle)
+        shown = (
+            contents
+            if figure == "map" and look.vehicle is None
+            else contents.for_vehicle(look.vehicle)
+        )
         chosen = Chosen(at, look.depth, time_ns)
-        write_whole(out, saved(drawn(of, figure, chosen, look.columns), out.suffix.lower()))
+        write_whole(out, saved(drawn(shown, figure, chosen, look.columns), out.suffix.lower()))
     return _told(contents, f"Figure: {out}")
 
 
@@ -230,8 +234,8 @@ def export(
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
-        of = contents if vehicle is None else contents.of(vehicle)
-        rows = write(of, out, places, table)
+        shown = contents if vehicle is None else contents.for_vehicle(vehicle)
+        rows = write(shown, out, places, table)
     counted = ", ".join(f"{name} {count} rows" for name, count in rows.items())
     return _told(contents, f"{out}: {counted}")
 

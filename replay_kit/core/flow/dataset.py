@@ -232,10 +232,10 @@ def to_dataset(
     import xarray as xr  # loads slowly, and who reads a saved flow needs it not
 
     dataset, dims = xr.Dataset(), (*through, "depth", *place)
-    for name, (own, values) in coords.items():
-        axis = {"axis": _AXES[name]} if name in _AXES and own != ("y", "x") else {}
+    for name, (dims_of_coord, values) in coords.items():
+        axis = {"axis": _AXES[name]} if name in _AXES and dims_of_coord != ("y", "x") else {}
         if values.dtype.kind != "M" or not np.isnat(values).any():
-            dataset.coords[name] = (own, values, ATTRIBUTES[name] | axis)
+            dataset.coords[name] = (dims_of_coord, values, ATTRIBUTES[name] | axis)
     for name in "uv":
         ancillary = {}
         if flow.n_modes:
@@ -254,7 +254,7 @@ def write_grid(flow: FlowEstimate, path: Path) -> None:
     write_dataset(to_dataset(flow), path)
 
 
-def of_points(
+def dataset_of_points(
     columns: Mapping[str, Array], coordinates: Sequence[str], about: Mapping[str, str]
 ) -> xr.Dataset:
     """Return velocities at points as a CF dataset; see ``Velocities.to_xarray``.

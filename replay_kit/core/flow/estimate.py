@@ -136,7 +136,7 @@ class FlowEstimate:
         """Raise EstimatorError if the flow has no model of time."""
         if self.unknowns is None:
             raise EstimatorError(
-                "the flow has no model of time (a truth, a member, a sample, or one saved by an earlier version); "
+                "the flow has no model of time (a truth, a member, a sample, or of an earlier version); "
                 "ask the estimate of a replay for another time"
             )
 
@@ -222,8 +222,11 @@ class FlowEstimate:
         def here(places: Array, at: Indices, depths: Array) -> Array:
             rows = self._rows(places, true_axes)
             covariance = rows @ rows.swapaxes(2, 3)
-            own, levels = self._in_functions(depths), depth_weights(_LINEAR, depths, self.levels)
-            of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
+            functions = self._in_functions(depths)
+            levels = depth_weights(_LINEAR, depths, self.levels)
+            of_flow = np.einsum(
+                "pk,cpkl,pl->pc", functions, covariance[:, at], functions, optimize=True
+            )
             beside = np.einsum(
                 "pz,cpz->pc", levels, self._additional_error(places, covariance)[:, at]
             )
@@ -326,8 +329,11 @@ class FlowEstimate:
         beside = np.stack([variance_of_node.T] * 2)
         seen = unknowns.measured
         if seen is not None and not seen.all():
-            own = unknowns.process.functions
-            variance = np.einsum("kz,cpkl,lz->cpz", own, covariance, own, optimize=True) + beside
+            functions = unknowns.process.functions
+            variance = (
+                np.einsum("kz,cpkl,lz->cpz", functions, covariance, functions, optimize=True)
+                + beside
+            )
             between = unknowns.scale * self._between_levels
             stated = between[np.ix_(seen, seen)] + variance[..., seen, None] * np.eye(seen.sum())
             rows = between[np.ix_(seen, ~seen)]

@@ -286,9 +286,9 @@ def _values(file: h5py.File, size: int) -> dict[str, Any]:
     return found
 
 
-def _attributes(of: h5py.HLObject) -> dict[str, Any]:
+def _attributes(item: h5py.HLObject) -> dict[str, Any]:
     """Return the attributes of a file or dataset of HDF5."""
-    return {name: plain_attribute(value) for name, value in of.attrs.items()}
+    return {name: plain_attribute(value) for name, value in item.attrs.items()}
 
 
 def flow_of(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
@@ -299,22 +299,22 @@ def flow_of(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
         ValueError: The parts are inconsistent.
     """
 
-    def of(part: str) -> dict[str, Any]:
+    def part_of(part: str) -> dict[str, Any]:
         """Return the components of a part of the flow, given by a dotted path."""
         named = (key.rpartition(".") for key in found)
         return {name: found[f"{whole}{dot}{name}"] for whole, dot, name in named if whole == part}
 
-    horizontal, unknowns = _horizontal(attrs["horizontal_functions"], of), None
+    horizontal, unknowns = _horizontal(attrs["horizontal_functions"], part_of), None
     latent, kind = found["latent"], found["depth_functions.kind"]
     if kind not in ("hat", "gaussian") or latent.shape[0] != horizontal.size:
         raise ValueError(
             f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {horizontal.size} horizontal functions"
         )
     if "unknowns.x" in found:
-        parts, mean = of("unknowns.process"), found["unknowns.process.mean"]
+        parts, mean = part_of("unknowns.process"), found["unknowns.process.mean"]
         shape = len(parts["functions"]), mean.shape[2]
         nothing = {"moving": np.empty((len(mean), 0, *shape)), "fixed": np.empty((0, *shape))}
-        turning, held = of("unknowns.oscillation"), {"time_ns": None, **of("unknowns")}
+        turning, held = part_of("unknowns.oscillation"), {"time_ns": None, **part_of("unknowns")}
         unknowns = Unknowns(
             process=Process(**nothing | parts),
             oscillation=Oscillation(**turning) if turning else None,
@@ -323,29 +323,29 @@ def flow_of(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
         )
     first, last = map(int, attrs.get("data_span", "0 0").split())
     return FlowEstimate(
-        grid=Grid(Projection(**of("grid.projection")), **of("grid")),
+        grid=Grid(Projection(**part_of("grid.projection")), **part_of("grid")),
         horizontal=horizontal,
-        depth_functions=DepthFunctions(**of("depth_functions")),
+        depth_functions=DepthFunctions(**part_of("depth_functions")),
         unknowns=unknowns,
-        local=LocalCurrent(**of("local")) if of("local") else None,
-        surface=SurfaceCurrent(**of("surface")) if of("surface") else None,
+        local=LocalCurrent(**part_of("local")) if part_of("local") else None,
+        surface=SurfaceCurrent(**part_of("surface")) if part_of("surface") else None,
         about=json.loads(attrs.get("replay_kit_about", "{}")),
         span_ns=(first, last) if "data_span" in attrs else None,
-        **{"modes": np.empty((latent.shape[0], 0)), "time_ns": None} | of(""),
+        **{"modes": np.empty((latent.shape[0], 0)), "time_ns": None} | part_of(""),
     )
 
 
-def _horizontal(kind: str, of: Callable[[str], dict[str, Any]]) -> HorizontalFunctions:
+def _horizontal(kind: str, parts_of: Callable[[str], dict[str, Any]]) -> HorizontalFunctions:
     """Return horizontal functions from their kind and parts."""
     if kind not in _KINDS:
         raise ValueError(
             f"horizontal functions {kind!r}; expected {' or '.join(map(repr, _KINDS))}"
         )
-    kernel = HorizontalKernel(**of("horizontal.kernel"))
+    kernel = HorizontalKernel(**parts_of("horizontal.kernel"))
     if _KINDS[kind] is NodeKernel:
-        return NodeKernel(kernel, np.column_stack(list(of("horizontal.nodes.T").values())))
+        return NodeKernel(kernel, np.column_stack(list(parts_of("horizontal.nodes.T").values())))
     origin, spacing, shape = (
-        tuple(of(f"horizontal.{part}").values()) for part in ("origin", "spacing", "shape")
+        tuple(parts_of(f"horizontal.{part}").values()) for part in ("origin", "spacing", "shape")
     )
     return StreamFunctionLattice(kernel, origin, spacing, (int(shape[0]), int(shape[1])))
 

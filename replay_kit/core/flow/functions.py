@@ -236,7 +236,10 @@ class StreamFunctionLattice:
         # first along north, then along east: the products of both are never formed
         along = near.reshape(-1, WINDOW, WINDOW) @ np.stack([slope_y, -gy], axis=2)
         return np.column_stack(
-            [np.einsum("pe,pe->p", of, along[..., k]) for k, of in enumerate((gx, slope_x))]
+            [
+                np.einsum("pe,pe->p", gaussian, along[..., k])
+                for k, gaussian in enumerate((gx, slope_x))
+            ]
         )
 
     def tiles(self, points: Array) -> Iterator[Tile]:

@@ -94,9 +94,9 @@ class Velocities:
 
     def to_xarray(self) -> "xr.Dataset":
         """Return a CF dataset on the dimension ``point``."""
-        from replay_kit.core.flow.dataset import of_points
+        from replay_kit.core.flow.dataset import dataset_of_points
 
-        return of_points(self._columns(), _COORDINATES, self.about)
+        return dataset_of_points(self._columns(), _COORDINATES, self.about)
 
     def to_og1(self, platform: str, **stated: str) -> "xr.Dataset":
         """Return a trajectory after OG1.0 (OceanGliders), on the dimension ``N_MEASUREMENTS``, without attributes that are not stated.
@@ -239,25 +239,25 @@ def velocities(
             f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
         )
 
-    def of(flow: FlowEstimate) -> tuple[NDArray[Any], ...]:
+    def values_of(flow: FlowEstimate) -> tuple[NDArray[Any], ...]:
         """Return requested and valid times [ns, UTC], velocities and standard errors."""
         at = [*to_local(flow.grid.projection, *places), np.maximum(depth, 0.0)]
-        own = _NAT if flow.time_ns is None else flow.time_ns
-        asked = np.where(time_ns == _NAT, own, time_ns)
+        valid = _NAT if flow.time_ns is None else flow.time_ns
+        asked = np.where(time_ns == _NAT, valid, time_ns)
         *at, known, asked = np.broadcast_arrays(*at, known_at(flow.grid, *at), asked)
-        held = np.full_like(asked, own)
+        held = np.full_like(asked, valid)
         if flow.process is not None:
             held = np.maximum(asked, flow.last_observation_ns or asked)
         values = np.full((*held.shape, 4), np.nan)
         for time in np.unique(held).tolist():
-            here, now = known & (held == time), flow if time == own else flow.at(time)
+            here, now = known & (held == time), flow if time == valid else flow.at(time)
             east, north, down = (axis[here] for axis in at)
             values[here, :2] = now.velocity(east, north, down, True)
             if now.n_modes:
                 values[here, 2:] = now.variance(east, north, down, True) ** 0.5
         return asked, held, *np.moveaxis(values, -1, 0)
 
-    found = [of(flow) for flow in reversed(flows)]
+    found = [values_of(flow) for flow in reversed(flows)]
     errors = np.array([np.hypot(u_error, v_error) for *_, u_error, v_error in found])
     best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)[None]
     asked, held, *values = (

@@ -177,7 +177,7 @@ class LinearMeasurement:
 
 
 def error_covariance(
-    own: Array,
+    error_std: Array,
     depth: Array,
     correlation_depth: float,
     common_std: float,
@@ -186,18 +186,18 @@ def error_covariance(
     """Return the error covariance of values, shape (n, n) [m^2/s^2], without an infinite common error.
 
     Args:
-        own: shape (n,) [m/s], s; symbols of ``LinearMeasurement``.
+        error_std: shape (n,) [m/s], s; symbols of ``LinearMeasurement``.
         depth: shape (n,) [m], of each value.
         correlation_depth: L [m].
         common_std: c [m/s].
         correlation: shape (n, n), r; None for that by L.
     """
     if correlation is None:
-        correlation = np.eye(len(own))
+        correlation = np.eye(len(error_std))
         if correlation_depth > 0.0:
             correlation = np.exp(-np.abs(depth[:, None] - depth) / correlation_depth)
     shared = common_std**2 if common_std < np.inf else 0.0
-    return np.asarray(np.outer(own, own) * correlation + shared)
+    return np.asarray(np.outer(error_std, error_std) * correlation + shared)
 
 
 def _half_way(weights: Array) -> int:

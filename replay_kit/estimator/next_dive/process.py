@@ -221,8 +221,9 @@ class MeanCurrentProcess:
         """Return the log evidence for a flight-model error against none [nats], shape (...)."""
         has = self.settings.flight > 0.0
         of_both = (
-            np.logaddexp.reduce(state.log_weights[..., of, :], axis=(-2, -1)) - np.log(np.sum(of))
-            for of in (has, ~has)
+            np.logaddexp.reduce(state.log_weights[..., settings, :], axis=(-2, -1))
+            - np.log(np.sum(settings))
+            for settings in (has, ~has)
         )
         return np.asarray(np.subtract(*of_both))
 
@@ -242,12 +243,12 @@ class MeanCurrentProcess:
         if inverted is None:
             design[..., [1 + _STATES, 1 + 2 * _STATES]] = settings.axes
             known = np.nan_to_num(dive.backgrounds[: self.n_backgrounds])
-            about, own, change = np.vstack([np.zeros(2), known]).T, _FLOOR, settings.amplitude
+            about, error_std, change = np.vstack([np.zeros(2), known]).T, _FLOOR, settings.amplitude
         else:
-            about, own, change = inverted[:, None], _INVERTED_STD, np.zeros(1)
+            about, error_std, change = inverted[:, None], _INVERTED_STD, np.zeros(1)
         cross = state.cov @ design.swapaxes(-1, -2)
         # a way that is planned, not known, moves the flight model's error by 1 + 1/4 of its variance
-        variance = 1.25 * (settings.flight * dive.way_std) ** 2 + own**2
+        variance = 1.25 * (settings.flight * dive.way_std) ** 2 + error_std**2
         variance += (dive.position_std / dive.seconds) ** 2
         like = design @ cross + variance[:, None, None] * np.eye(2)
         std = _WRONG_STD if self.outliers else change[:, None, None]

@@ -126,7 +126,9 @@ def fitted_kernels(prior: MembersPrior) -> Array:
     Similar forecasts favour narrow kernels, fields of a climatology the prior itself. Method: expectation-maximisation.
     """
     probability = np.asarray(_BEFORE / _BEFORE.sum())
-    likelihoods = np.array([_of_kernels(prior, i) for i in prior.members.left_out(_OF_KERNELS)])
+    likelihoods = np.array(
+        [_kernel_likelihoods(prior, i) for i in prior.members.left_out(_OF_KERNELS)]
+    )
     for _ in range(_STEPS if len(likelihoods) else 0):
         logs = np.log(probability) + likelihoods
         of_member = np.exp(logs - logsumexp(logs, axis=1, keepdims=True))
@@ -134,7 +136,7 @@ def fitted_kernels(prior: MembersPrior) -> Array:
     return probability
 
 
-def _of_kernels(prior: MembersPrior, member: int) -> Array:
+def _kernel_likelihoods(prior: MembersPrior, member: int) -> Array:
     """Return the log likelihood of each kernel about the other members, shape (H,), given observations of one."""
     *patterns, anomaly = prior.without(np.array([member]), member)
     rows, others = prior.members.columns(_FEW_COLUMNS, member), len(prior.members.weights) - 1
@@ -146,10 +148,10 @@ def _of_kernels(prior: MembersPrior, member: int) -> Array:
     (sample, local), found = map(seen, patterns), []
     total = sample @ sample.T + local @ local.T + np.eye(len(sample))
     # of a member among the others
-    own = prior.parts.anomaly * np.sqrt((others - 1.0) / others)
+    anomaly_of_others = prior.parts.anomaly * np.sqrt((others - 1.0) / others)
     for kernel in KERNELS:
         lower = np.linalg.cholesky(total - (1.0 - kernel) * (sample @ sample.T))
-        off = seen(anomaly[None]) - np.sqrt(1.0 - kernel) * own * sample[:, :others]
+        off = seen(anomaly[None]) - np.sqrt(1.0 - kernel) * anomaly_of_others * sample[:, :others]
         white = solve_triangular(lower, off, lower=True, check_finite=False)
         # the mean over the noise of the values, which the density has and they have not
         noise = np.square(solve_triangular(lower, np.eye(len(lower)), lower=True)).sum()

@@ -165,7 +165,7 @@ def local_directions(
 
     def of_levels(n: int) -> list[Array]:
         """Return the share of the n smallest directions at each level, by group, shapes (Z, r)."""
-        return [height[own].T @ (order[own] < n) for own in groups]
+        return [height[columns].T @ (order[columns] < n) for columns in groups]
 
     def largest(n: int) -> float:
         each = zip(of_levels(n), some, strict=True)
@@ -174,9 +174,9 @@ def local_directions(
     n = bisect_right(range(1, size.size + 1), bound**2, key=largest) if bound else 0
     q, b = np.nonzero(order >= n)
     left = np.zeros((len(height.T), len(modes.velocity_modes)))
-    for counts, own in zip(of_levels(n), directions, strict=True):
+    for counts, columns in zip(of_levels(n), directions, strict=True):
         used = counts.any(axis=0)
-        left += counts[:, used] @ np.square(modes.velocity_modes @ own[:, used]).T
+        left += counts[:, used] @ np.square(modes.velocity_modes @ columns[:, used]).T
     error = np.sqrt(left.reshape(len(left), 2, -1).mean(axis=1))
     return functions[q], directions[group[q], :, b] / spread.max(), error
 
@@ -207,8 +207,10 @@ def vertical_functions(
 
     def largest(function: Array) -> float:
         """Return the largest variance of a function, over the nodes and times."""
-        own = (heights @ function)[:, None] * directions
-        at_any_time = np.sum((velocity_modes @ (own.T @ own)) * velocity_modes, axis=1)
+        of_function = (heights @ function)[:, None] * directions
+        at_any_time = np.sum(
+            (velocity_modes @ (of_function.T @ of_function)) * velocity_modes, axis=1
+        )
         each = (velocity_modes @ np.tensordot(at, function, (1, 0)).T for at in moving)
         return float(max(np.max(np.square(one).sum(axis=1) + at_any_time) for one in each))
 

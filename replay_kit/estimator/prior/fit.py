@@ -265,6 +265,6 @@ def predicted(
     taken, given = (
         each.reshape(size, n_levels, n_modes).swapaxes(0, 1) for each in (whitened, of_noise)
     )
-    own = by_level[np.arange(n_levels), :, np.arange(n_levels)]
-    posterior = variance(own - taken.swapaxes(1, 2) @ taken)
+    same_level = by_level[np.arange(n_levels), :, np.arange(n_levels)]
+    posterior = variance(same_level - taken.swapaxes(1, 2) @ taken)
     return error @ modes.T, posterior, variance(given.swapaxes(1, 2) @ given)

@@ -125,8 +125,8 @@ def localised(covariances: Array, velocity_modes: Array, nodes: Array, radius: f
         fields = np.empty((len(some), n_nodes, 2, factors.shape[2]), dtype=precision)
         for part in range(2):
             here = at_nodes[part * n_nodes + order]
-            for own, factor in zip(fields, some, strict=True):
-                own[:, part] = here @ factor
+            for field, factor in zip(fields, some, strict=True):
+                field[:, part] = here @ factor
         parts.append(_half(fields, back, nodes[order], ends, radius))
     half = np.concatenate(parts)
     whole = half + half.swapaxes(1, 2)
@@ -149,22 +149,22 @@ def _half(
     half, starts = np.zeros((n_groups, n_modes, n_modes)), np.append(0, ends[:-1])
     low, high = (extreme.reduceat(places, starts, axis=0) for extreme in (np.minimum, np.maximum))
     for tile, first in enumerate(starts):
-        own = slice(first, ends[tile])
-        here = fields[:, own].reshape(n_groups, -1, fields.shape[3])
+        of_tile = slice(first, ends[tile])
+        here = fields[:, of_tile].reshape(n_groups, -1, fields.shape[3])
         apart = np.maximum(np.maximum(low[tile:] - high[tile], low[tile] - high[tile:]), 0.0)
         near = tile + np.flatnonzero(np.hypot(*apart.T) < radius)
         projected = np.zeros((n_groups, here.shape[1], n_modes), dtype=back.dtype)
         for other in near:
             at = slice(starts[other], ends[other])
             there = fields[:, at].reshape(n_groups, -1, fields.shape[3])
-            taper = gaspari_cohn(cdist(places[own], places[at]), radius)
+            taper = gaspari_cohn(cdist(places[of_tile], places[at]), radius)
             if other == tile:
                 taper *= 0.5
             product = here @ there.swapaxes(1, 2)
             product *= taper.astype(back.dtype).repeat(2, axis=0).repeat(2, axis=1)
             flat = product.reshape(-1, product.shape[2]) @ back[at].reshape(-1, n_modes)
             projected += flat.reshape(projected.shape)
-        half += back[own].reshape(-1, n_modes).T @ projected
+        half += back[of_tile].reshape(-1, n_modes).T @ projected
     return half
 
 

@@ -302,19 +302,20 @@ def _judgements(
     """Return the gate decisions on all measurements of a column."""
     each = [
         judged(
-            one.y - one.rows @ before,
-            one.rows @ covariance @ one.rows.T,
-            (one.square, one.left),
+            column.y - column.rows @ before,
+            column.rows @ covariance @ column.rows.T,
+            (column.square, column.left),
             probability,
-            one.persistence,
+            column.persistence,
         )
-        for one in seen
+        for column in seen
     ]
     if len(each) == 1:
         return each[0]
-    order = np.argsort(np.concatenate([one.at for one in seen]))
+    order = np.argsort(np.concatenate([column.at for column in seen]))
     parts = (
-        np.concatenate([getattr(one, name) for one in each])[order] for name in Judgements.__slots__
+        np.concatenate([getattr(column, name) for column in each])[order]
+        for name in Judgements.__slots__
     )
     return Judgements(*parts)
 
@@ -326,19 +327,19 @@ def combined(seen: Sequence[_Seen], weights: Array) -> tuple[Array, Array, float
         seen: Measurements by layout.
         weights: shape (n,), one over the factor on each error variance; 0 if rejected.
     """
-    given = [(one, weights[one.at]) for one in seen if weights[one.at].any()]
-    (one, own), *others = given
-    if not others and np.count_nonzero(own) == 1:
-        i = int(own.argmax())
-        root = np.sqrt(own[i])
-        return root * one.rows, root * one.y[i], float(own[i] * one.square[i])
-    size = one.rows.shape[1]
+    given = [(column, weights[column.at]) for column in seen if weights[column.at].any()]
+    (column, share), *others = given
+    if not others and np.count_nonzero(share) == 1:
+        i = int(share.argmax())
+        root = np.sqrt(share[i])
+        return root * column.rows, root * column.y[i], float(share[i] * column.square[i])
+    size = column.rows.shape[1]
     information, score, total, left = np.zeros((size, size)), np.zeros(size), 0.0, 0.0
-    for one, own in given:
-        information += own.sum() * (one.rows.T @ one.rows)
-        score += one.rows.T @ (own @ one.y)
-        total += float(own @ np.sum(one.y**2, axis=1))
-        left += float(own @ one.square)
+    for column, share in given:
+        information += share.sum() * (column.rows.T @ column.rows)
+        score += column.rows.T @ (share @ column.y)
+        total += float(share @ np.sum(column.y**2, axis=1))
+        left += float(share @ column.square)
     values, vectors = np.linalg.eigh(information)
     kept = values > _ROUNDING * values[-1]
     roots, vectors = np.sqrt(values[kept]), vectors[:, kept]

@@ -288,21 +288,21 @@ class Observer:
         if not groups:
             return
         basis, grid, ats = self.basis, self.basis.grid, [group.at for group in groups]
-        own = [(group.columns, at) for group, at in zip(groups, ats, strict=True)]
-        longitude = [mean_longitude(columns["longitude"][at]) for columns, at in own]
-        latitude = [columns["latitude"][at].mean() for columns, at in own]
+        rows = [(group.columns, at) for group, at in zip(groups, ats, strict=True)]
+        longitude = [mean_longitude(columns["longitude"][at]) for columns, at in rows]
+        latitude = [columns["latitude"][at].mean() for columns, at in rows]
         places = np.column_stack(to_local(grid.projection, np.array(longitude), np.array(latitude)))
-        times = np.array([mean_time(columns["time"][at]) for columns, at in own], np.int64)
+        times = np.array([mean_time(columns["time"][at]) for columns, at in rows], np.int64)
         offset, modes = self._flows(basis.horizontal.velocity(places, self._latents))
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
         known, nodes = offset.swapaxes(0, 1) + mean, nearest(grid, places, wet=True)  # (n, 2, Z)
         for g, (group, at) in enumerate(zip(groups, ats, strict=True)):
             values, axes = group.local(at)
             parts = list[Part]()
-            for layout, of in self._layouts_of(group, at, int(nodes[g]), scale):
-                used = np.flatnonzero(group.used[at[of[0]]])
-                about = values[of][:, used] - layout.levels @ known[g].T @ axes.T
-                parts.append(Part(layout, of, used, about))
+            for layout, members in self._layouts_of(group, at, int(nodes[g]), scale):
+                used = np.flatnonzero(group.used[at[members[0]]])
+                about = values[members][:, used] - layout.levels @ known[g].T @ axes.T
+                parts.append(Part(layout, members, used, about))
             design, time_ns = designs[g], int(times[g])
             if self.extras is not None:
                 more = self.extras.column(time_ns, group.relative_velocity())
@@ -334,13 +334,13 @@ class Observer:
         linear, held = group.linear, self._layouts
         sums = () if linear is None else (linear.depth, linear.weights, linear.correlation)
         more = tuple(None if each is None else each.tobytes() for each in sums)
-        for key_of_values, own in alike.items():
+        for key_of_values, profiles in alike.items():
             key = (key_of_values, node, scale, *more)
             if key not in held:
                 if len(held) >= _REMEMBERED:
                     del held[next(iter(held))]
-                held[key] = self._layout(group, int(at[own[0]]), node, scale)
-            yield held[key], np.array(own)
+                held[key] = self._layout(group, int(at[profiles[0]]), node, scale)
+            yield held[key], np.array(profiles)
 
     def _layout(self, group: Screened, i: int, node: int, scale: float) -> Layout:
         """Return the layout of the i-th measurement of a group at one position near a node."""
@@ -356,11 +356,11 @@ class Observer:
         if self.extras is not None:
             functions = np.hstack([functions, at_values(self.extras.functions(depth))])
         between = depth_weights(_LINEAR, depth, self.basis.grid.levels)
-        own = self._covariance(group, i)
+        measured = self._covariance(group, i)
         error = at_values(between) * (self.error(scale, node) if self.stated_std is None else 0.0)
         is_relative = not np.isfinite(group.columns["common_std"][i])
-        covariance = own + np.diag(error.sum(axis=1) ** 2)
-        shared = np.sum(error * (np.linalg.pinv(own, hermitian=True) @ error), axis=0)
+        covariance = measured + np.diag(error.sum(axis=1) ** 2)
+        shared = np.sum(error * (np.linalg.pinv(measured, hermitian=True) @ error), axis=0)
         near = shared > 0.0
         mean = float(shared[near].mean()) if near.any() else 0.0
         return Layout.of(levels, functions, covariance, bool(is_relative), mean)
@@ -383,24 +383,24 @@ class Observer:
         n, n_levels = len(weights), levels.shape[1]
         sums = modes.reshape(2, shares.shape[1], n, n_levels, -1)
         known = np.einsum("ctnzz->cn", offset.reshape(*sums.shape[:4], n_levels))
-        (values, axes), times_used = (
-            group.local(group.at),
-            np.any(shares, axis=0).astype(np.float64),
-        )
+        (values, axes) = group.local(group.at)
+        times_used = np.any(shares, axis=0).astype(np.float64)
         mean, rows = zip(
             *(self.process.project_sums(np.tensordot(axis, sums, 1), times_used) for axis in axes),
             strict=True,
         )
         between = depth_weights(_LINEAR, linear.depth, grid.levels)
         extra = np.sum(between * self.error(scale, nearest(grid, places, wet=True)).T, axis=1)
-        own, error = self._covariance(group, 0), weights @ extra
+        measured, error = self._covariance(group, 0), weights @ extra
         relative = linear.reference == "relative"
         shared, node = 0.0, None
         if n == 1:
             # of one mean: a path's representation error is that near its middle
             node = int(nearest(grid, weights @ places / weights.sum(), wet=True)[0])
-            shared = float(error[0] ** 2 / own[0, 0])
-        layout = Layout.of(np.empty((n, 0)), np.eye(n), own + np.diag(error**2), relative, shared)
+            shared = float(error[0] ** 2 / measured[0, 0])
+        layout = Layout.of(
+            np.empty((n, 0)), np.eye(n), measured + np.diag(error**2), relative, shared
+        )
         design = np.concatenate(rows)
         if self.extras is not None:
             more = np.tensordot(axes, self.extras.sums(weights, linear.depth, times), 1)
@@ -416,9 +416,9 @@ class Observer:
             return self.stated_std**2 * np.eye(used.size)
         if linear is not None:
             return linear.covariance(used)
-        own = (columns[name][i, used] for name in ("error_std", "depth"))
+        stated = (columns[name][i, used] for name in ("error_std", "depth"))
         shared = (float(columns[name][i]) for name in ("correlation_depth", "common_std"))
-        return error_covariance(*own, *shared)
+        return error_covariance(*stated, *shared)
 
 
 def _block_diagonal(design: Array, more: Array) -> Array:

@@ -71,7 +71,7 @@ class Marginal:
         return np.asarray(top.sum(axis=2) - fixed)
 
 
-def of_scales(x: Array, p: Array, scales: Array) -> tuple[Array, Array, float]:
+def scale_changes(x: Array, p: Array, scales: Array) -> tuple[Array, Array, float]:
     """Return the changes of the misfit y'S^-1 y and of log |S| for other variances of some unknowns, and the explained misfit.
 
     With q = 1 / variance - 1 they are q x' (1 + q P)^-1 x and log |1 + q P| - n log (1 + q), shape (v,), from a tridiagonal form of P; the
@@ -106,15 +106,15 @@ def fitted_scale(x: Array, p: Array, expected: float, rows: int, square: float) 
         -(y'S(a / f, 1)^-1 y / f + log |S(a / f, 1)| + m log f) / 2.
 
     Args:
-        x: See ``of_scales``.
-        p: See ``of_scales``.
+        x: See ``scale_changes``.
+        p: See ``scale_changes``.
         expected: Expected scale.
         rows: Number of rows of unit errors m.
         square: Sum of squares of their values, y'y.
     """
     more = _STEP * np.arange(_NOISES.size)
     ratios = _SCALES[0] * _RATIO ** np.arange(-more[-1], _SCALES.size)
-    misfit, determinant, explained = of_scales(x, p, ratios)
+    misfit, determinant, explained = scale_changes(x, p, ratios)
     at = np.arange(_SCALES.size)[:, None] + more[-1] - more
     of_values = (square - explained + misfit[at]) / _NOISES
     doubt = (np.log(_SCALES / expected) / _DOUBT)[:, None] ** 2 + (np.log(_NOISES) / _DOUBT) ** 2

@@ -79,8 +79,8 @@ def _errors(pings: Columns, at: Indices) -> Array:
     """Return the error of a bin of some profiles, shape (n,) [m/s], as reference for their groups."""
     bins, error, common = pings["bins"][at], np.empty(at.size), pings["common_std"][at]
     for number in np.unique(bins):
-        own = bins == number
-        error[own] = np.median(pings["error_std"][at[own], :number], axis=1)
+        alike = bins == number
+        error[alike] = np.median(pings["error_std"][at[alike], :number], axis=1)
     return np.hypot(error, np.where(np.isfinite(common), common, 0.0))
 
 

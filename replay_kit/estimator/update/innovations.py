@@ -69,8 +69,8 @@ def _subset(group: Screened, at: Any) -> Any:
 def _innovation(update: Update, at: Indices) -> Innovation:
     """Return the joint innovation of some measurements of a column: means over them, and sums."""
     column, judgements, several = update.column, update.judgements, len(at) > 1
-    group, own = column.screened, column.at[at]
-    first = group.unused(int(own[0]))
+    group, rows = column.screened, column.at[at]
+    first = group.unused(int(rows[0]))
     means = np.stack([update.before, update.mean_after, np.zeros_like(update.before)])
     variances = column.predicted_variance(update.covariance), column.stated_variance()
     measured = column.measured(update.mean_after)
@@ -83,7 +83,7 @@ def _innovation(update: Update, at: Indices) -> Innovation:
         mean = np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0)
         flags = np.where(counts[:, 0] > 0, Flag.GOOD, flags).astype(np.int8)
         before, left, against = np.nansum(each[:3] ** 2, axis=(1, 2, 3)).tolist()
-        reasons = tuple(reasons_of(group.reasons[own], group.flags[own]))
+        reasons = tuple(reasons_of(group.reasons[rows], group.flags[rows]))
         totals = GroupTotals(dof // 2, before, left, against, reasons)
     innovation, residual, prior, of_estimate, of_noise, measured = mean
     estimated_std = np.nan
@@ -92,9 +92,9 @@ def _innovation(update: Update, at: Indices) -> Innovation:
         estimated_std = float(np.sqrt(np.mean(variance)))
     return replace(
         first,
-        time_ns=mean_time(group.columns["time"][own]),
+        time_ns=mean_time(group.columns["time"][rows]),
         flags=flags,
-        depth=group.columns["depth"][own].mean(axis=0),
+        depth=group.columns["depth"][rows].mean(axis=0),
         innovation=innovation,
         # the estimate's error is shared, the noise is not
         innovation_std=np.sqrt(of_estimate + of_noise / np.maximum(counts, 1)),

@@ -24,7 +24,7 @@ from replay_kit.estimator.update.evidence import (
     amplitude_mixture,
     fitted_scale,
     member_centre,
-    of_scales,
+    scale_changes,
     with_marginal,
     with_mean,
     with_variance,
@@ -96,7 +96,7 @@ class Evidence:
         return with_mean(x, p, self.parts.sample, centre), p, partial(self._stated, state)
 
     def _stated(self, state: State) -> float:
-        return max(1.0, self._scale(state)) * _of_few(self.parts.members)
+        return max(1.0, self._scale(state)) * _few_members_factor(self.parts.members)
 
     def _scale(self, state: State) -> float:
         """Return the most probable factor on the prior variance of members and local directions for a state."""
@@ -134,7 +134,7 @@ class Evidence:
         assert state.doubt is not None
         part, columns, found = self.parts.scaled, state.doubt.columns, []
         lower = state.covariance[part, part] / state.scale
-        misfit, determinant, _ = of_scales(state.x[part] / np.sqrt(state.scale), lower, _SCALES)
+        misfit, determinant, _ = scale_changes(state.x[part] / np.sqrt(state.scale), lower, _SCALES)
         before = -0.5 * (misfit + determinant)
         for scale, evidence in zip(_SCALES.tolist(), before.tolist(), strict=True):
             begun = replace(self._scaled(state, scale), doubt=None)
@@ -145,14 +145,14 @@ class Evidence:
         return replace(max(found, key=lambda each: each[0])[1], time_ns=latest)
 
 
-def _of_few(members: int) -> float:
+def _few_members_factor(members: int) -> float:
     """Return the factor on variances away from the log, where few members do not span what is there; 1 from 20 members on.
 
     Of what is drawn like E members the variance, given them, is (1 + 1/E) (E - 1) / (E - 3) times theirs (Student's distribution). That of
     20, for which variances were found to hold, is the measure.
     """
-    of, usual = ((1.0 + 1.0 / n) * (n - 1.0) / (n - 3.0) for n in (max(members, 4), 20))
-    return max(1.0, of / usual)
+    factor, usual = ((1.0 + 1.0 / n) * (n - 1.0) / (n - 3.0) for n in (max(members, 4), 20))
+    return max(1.0, factor / usual)
 
 
 def noted(state: State, updates: list[Update]) -> State:

@@ -216,9 +216,9 @@ def screened(
         refused[~used.any(axis=1)] = Reason.NONE
         used &= refused[:, None] == Reason.NONE
         for event, part in zip(some, parts, strict=True):
-            own = columns if len(some) == 1 else {k: v[part] for k, v in columns.items()}
+            rows = columns if len(some) == 1 else {k: v[part] for k, v in columns.items()}
             each: list[Any] = [one[part] for one in (flags, reasons, used, refused, turn)]
-            found.append(Screened(event, own, linear, *each))
+            found.append(Screened(event, rows, linear, *each))
     return found, last
 
 
@@ -263,11 +263,9 @@ def _refuse_duplicates(
     columns: Columns, used: NDArray[np.bool_], refused: NDArray[np.int32], last: Last | None
 ) -> Last | None:
     """Mark measurements equal to the last used one, duplicates without new information; return the last used."""
-    at, times, before = (
-        np.flatnonzero(used.any(axis=1) & (refused == Reason.NONE)),
-        columns["time"],
-        None if last is None else last[0],
-    )
+    at = np.flatnonzero(used.any(axis=1) & (refused == Reason.NONE))
+    times = columns["time"]
+    before = None if last is None else last[0]
     row = -1
 
     def what(i: int) -> tuple[Any, ...]:

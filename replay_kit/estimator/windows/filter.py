@@ -92,14 +92,14 @@ class WindowedEstimator(Estimator[WindowedState]):
         self, state: WindowedState, block: Sequence[Measurement]
     ) -> tuple[WindowedState, list[Stepped[WindowedState]]]:
         """Return the state after measurements and groups in the vehicle's window, and their outcomes."""
-        (estimator, own), window = self._own(state), self.window(state)
+        (estimator, state_of_window), window = self._own(state), self.window(state)
         found, states = list[Stepped[WindowedState]](), dict(state.states)
         for region, one in state.states.items() if self.vehicle not in state.strays else ():
             held = [item for item in block if inside(region, *_places(item)).all()]
             if region != window and held:
                 states[region] = self.build(region).assimilate(one, held)[0]
         before = replace(state, states=states)
-        for step in estimator.assimilate(own, block)[1]:
+        for step in estimator.assimilate(state_of_window, block)[1]:
             after = replace(before, states={**states, window: step.after})
             found.append(Stepped(step.event, before, after, step.innovation))
             before = after
@@ -146,13 +146,13 @@ class WindowedEstimator(Estimator[WindowedState]):
 
     def innovation(self, state: WindowedState, event: Measurement) -> Array:
         """Return measured minus predicted in the vehicle's window; see ``Estimator``."""
-        estimator, own = self._own(state)
-        return estimator.innovation(own, event)
+        estimator, state_of_window = self._own(state)
+        return estimator.innovation(state_of_window, event)
 
     def flow(self, state: WindowedState) -> FlowEstimate:
         """Return the current estimate in the vehicle's window."""
-        estimator, own = self._own(state)
-        return estimator.flow(own)
+        estimator, state_of_window = self._own(state)
+        return estimator.flow(state_of_window)
 
     def left_flows(self, state: WindowedState) -> Iterator[FlowEstimate]:
         """Yield the last estimate of each window left; earlier ones are built from the forecast again."""
@@ -163,13 +163,13 @@ class WindowedEstimator(Estimator[WindowedState]):
         """Return a state without windows that vehicles have left, so that its size does not grow along tracks."""
         return replace(state, left=()) if state.left else state
 
-    def of_own(self, state: WindowedState) -> WindowedState:
+    def own_window(self, state: WindowedState) -> WindowedState:
         """Return a state with the vehicle's window alone."""
         region = state.where.get(self.vehicle)
         if region is None or len(state.states) == 1:
             return state
-        own = {region: state.states[region]}
-        return replace(state, states=own, where={self.vehicle: region})
+        states = {region: state.states[region]}
+        return replace(state, states=states, where={self.vehicle: region})
 
     def notes(self) -> list[str]:
         """Return the settings of the first window's prior."""

@@ -102,10 +102,8 @@ def next_window(
     if room >= 0.5 * margin or not inside(bounds, *place):
         return None
     (x, y), half = centre(region), np.array([width(region), region[3] - region[1]]) / 2.0
-    at, ahead = (
-        np.array([float(unwrap_longitude(place[0], x)) - x, place[1] - y]) / half,
-        np.zeros(2),
-    )
+    at = np.array([float(unwrap_longitude(place[0], x)) - x, place[1] - y]) / half
+    ahead = np.zeros(2)
     if room >= 0.0:
         behind = _BEHIND * margin / np.array([degree_of_longitude(y), DEGREE])
         ahead = np.maximum(half - behind, 0.0) * at / np.abs(at).max()

@@ -142,14 +142,14 @@ def in_frame(ensemble: Ensemble, projection: Projection) -> Ensemble:
     """Return an ensemble in another local frame, with unchanged positions and velocities along its axes."""
     grid = ensemble.grid
     east, north = to_local(projection, grid.longitude, grid.latitude)
-    own, other = (
+    turn, other = (
         turn_to_local(frame, grid.longitude, grid.latitude, "true")
         for frame in (grid.projection, projection)
     )
     return replace(
         ensemble,
         grid=replace(grid, projection=projection, east=east, north=north),
-        velocity=turned(ensemble.velocity, other * own.conj()),
+        velocity=turned(ensemble.velocity, other * turn.conj()),
     )
 
 
@@ -214,10 +214,8 @@ def bilinear(values: Values, j: Array, i: Array, inside: NDArray[np.bool_]) -> A
     low_j = np.minimum(j.astype(np.intp), values.shape[-2] - 2)
     low_i = np.minimum(i.astype(np.intp), values.shape[-1] - 2)
     s, t = j - low_j, i - low_i
-    total, weight = (
-        np.zeros((*values.shape[:-2], *j.shape)),
-        np.zeros((*values.shape[:-2], *j.shape)),
-    )
+    total = np.zeros((*values.shape[:-2], *j.shape))
+    weight = np.zeros((*values.shape[:-2], *j.shape))
     for dj, along_j in ((0, 1.0 - s), (1, s)):
         for di, along_i in ((0, 1.0 - t), (1, t)):
             corner = values[..., low_j + dj, low_i + di]

@@ -84,12 +84,12 @@ class Layout:
             x, y = np.meshgrid(x, y, copy=False)
         return x, y
 
-    def taken(self, of: str) -> tuple[Index, Index]:
+    def taken(self, name: str) -> tuple[Index, Index]:
         """Return the rows and columns used of ``U``, ``V`` or ``CENTRE``; of a C-grid with the faces on both sides of the centres."""
         rows, columns = self.rows, self.columns
-        if self.first_face is not None and of == V:
+        if self.first_face is not None and name == V:
             rows = np.append(rows, rows[-1] + 1) + self.first_face[0]
-        if self.first_face is not None and of == U:
+        if self.first_face is not None and name == U:
             columns = np.append(columns, columns[-1] + 1) + self.first_face[1]
             columns = columns if self.period is None else columns % self.period
         return rows, columns
@@ -179,8 +179,8 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
             last = min(nx, ds.sizes[u_dims[1]] - a - 1, ds.sizes[v_dims[1]])
             columns = np.arange(max(0, -a), last)
     axes, why = _axes(ds, current, face is not None)
-    of = {U: u_dims, V: v_dims, CENTRE: centre}
-    return Layout(kind, x, y, of, face, rows, columns, period, axes, why, notes)
+    dims_of = {U: u_dims, V: v_dims, CENTRE: centre}
+    return Layout(kind, x, y, dims_of, face, rows, columns, period, axes, why, notes)
 
 
 def _check_places(x: Array, y: Array, names: tuple[str, str], where: str) -> None:

@@ -101,7 +101,7 @@ def read_terrain(field: Field, layout: Layout, surface: Array | None) -> Terrain
         share = read(field, layout, SHARE).astype(np.float64)
         return Terrain(name, bed, share, surface, "sigma")
     s, c, hc, transform = (
-        np.asarray(ds[of].values, np.float64).reshape(-1, 1, 1) for of in found.values()
+        np.asarray(ds[variable].values, np.float64).reshape(-1, 1, 1) for variable in found.values()
     )
     number, hc = int(transform[0, 0, 0]), hc[:1]
     if number not in (1, 2):
@@ -149,13 +149,13 @@ def from_s_levels(
             f"{where}: no level is near {levels[0]:g} m, the first asked for; choose --levels from {span}"
         )
     chosen = "those of the deepest column at rest" if wanted is None else "the levels asked for"
-    own = (
+    levels_of_member = (
         "a surface at rest, as the file holds no zeta"
         if terrain.surface is None
         else "its own surface"
     )
     notes = [
-        f"terrain-following levels ({terrain.how}) interpolated to fixed depths, {chosen}; each member with {own}"
+        f"terrain-following levels ({terrain.how}) interpolated to fixed depths, {chosen}; each member with {levels_of_member}"
     ]
     if beyond.any():
         dry = count_text(int(beyond.sum()), "point")

@@ -131,8 +131,8 @@ def _identified(files: Sequence[Field], rule: MemberRule) -> tuple[list[Field], 
         form = id(file.like)
         if form not in currents:
             currents[form] = find_current(file.like, file.where)
-        one = replace(file, current=currents[form])
-        found += _runs(one) if rule.kind == "lags" else [one]
+        identified = replace(file, current=currents[form])
+        found += _runs(identified) if rule.kind == "lags" else [identified]
     return found, rule
 
 

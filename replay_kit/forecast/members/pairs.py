@@ -196,8 +196,10 @@ def _with_second(
         if name in ds.variables and name in other.variables and ds[name].shape == other[name].shape:
             apart = not np.array_equal(ds[name].values, other[name].values, equal_nan=True)
             ds = ds.assign_attrs({STAGGERED: True}) if apart else ds
-    own = other.drop_vars([dim for dim in renamed if dim in other.variables]).rename_dims(renamed)
-    return own.variables[file.current.v if file.current else None], ds
+    renamed_ds = other.drop_vars([dim for dim in renamed if dim in other.variables]).rename_dims(
+        renamed
+    )
+    return renamed_ds.variables[file.current.v if file.current else None], ds
 
 
 def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:

@@ -124,16 +124,14 @@ def common_water(
     Raises:
         ForecastError: No water is left at the first level.
     """
-    wet, anywhere = (
-        np.ones(velocity.shape[2:], dtype=bool),
-        np.zeros(velocity.shape[2:], dtype=bool),
-    )
+    wet = np.ones(velocity.shape[2:], dtype=bool)
+    anywhere = np.zeros(velocity.shape[2:], dtype=bool)
     counts = []
     for member in one_by_one(velocity):
-        own = np.isfinite(member).all(axis=0)
-        wet &= own
-        anywhere |= own
-        counts.append(int(own.sum()))
+        water = np.isfinite(member).all(axis=0)
+        wet &= water
+        anywhere |= water
+        counts.append(int(water.sum()))
     missing = int(anywhere.sum()) - np.array(counts)
     worst = int(np.argmax(missing))
     if not anywhere[0].any():
@@ -170,7 +168,7 @@ def unusual_members(velocity: Values, labels: tuple[str, ...], source: str) -> t
     """
     speeds = member_speeds(velocity)
     notes, found, rms = [], copies(velocity, speeds), float(np.sqrt(np.mean(np.square(speeds))))
-    same = [f"'{labels[k]}' and '{labels[of]}'" for k, of in found.items()]
+    same = [f"'{labels[k]}' and '{labels[original]}'" for k, original in found.items()]
     if len(labels) > 1 and len(found) == len(labels) - 1:
         raise ForecastError(
             f"{source}: all {len(labels)} members are identical; give members that differ"
@@ -205,11 +203,11 @@ def copies(velocity: Values, speeds: Sequence[float]) -> dict[int, int]:
     found, first = dict[int, int](), dict[float, list[int]]()
     for k, speed in enumerate(speeds):
         alike = first.setdefault(speed, [])
-        of = next((j for j in alike if np.array_equal(velocity[j], velocity[k], True)), None)
-        if of is None:
+        original = next((j for j in alike if np.array_equal(velocity[j], velocity[k], True)), None)
+        if original is None:
             alike.append(k)
         else:
-            found[k] = of
+            found[k] = original
     return found
 
 
@@ -221,8 +219,8 @@ def without_copies(series: Sequence[Ensemble]) -> tuple[Ensemble, ...]:
         # those of one time alone are none
         if not found[0]:
             break
-    of = [tuple(each.get(k, k) for each in found) for k in range(first.n_members)]
-    left = [k for k, each in enumerate(of) if of.index(each) == k]
+    originals = [tuple(each.get(k, k) for each in found) for k in range(first.n_members)]
+    left = [k for k, each in enumerate(originals) if originals.index(each) == k]
     if len(left) < 2:
         return tuple(series)
     if len(left) == first.n_members:

@@ -54,7 +54,7 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
     if kind == "lags":
         return _lagged(found, config, near_ns)
     if kind == "times":
-        return _of_season(found, found.rule.days, config, near_ns)
+        return _season_fields(found, found.rule.days, config, near_ns)
     fields, times, notes = [], [], list[str]()
     for member in found.members:
         field, time_ns, more = _at_time(member, config, near_ns)
@@ -65,8 +65,10 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
     change: Change | None = None
     if kind == "models":
         means = [_fields_of_all_times(member) for member in found.members]
-        fields += [field for own in means for field in own]
-        change = _without_bias([[len(field.labels) for field in own] for own in means])
+        fields += [field for field_of_mean in means for field in field_of_mean]
+        change = _without_bias(
+            [[len(field.labels) for field in field_of_mean] for field_of_mean in means]
+        )
     elif found.background:
         about = _at_time(found.background, config, near_ns)[0]
         fields.append(replace(about, labels=("background",), extra=True))
@@ -191,18 +193,20 @@ def _time_of_lead(found: Collection, lead: float, common: Times) -> int:
     return int(time)
 
 
-def _of_season(
+def _season_fields(
     found: Collection, days: float, config: ForecastConfig, near_ns: int | None
 ) -> Selection:
     """Return the fields of the forecast's season in any year, for use as anomalies about the forecast."""
     files = _all_times(found, f"--members times:{days:g}d")
     known = np.concatenate([file.times for file in files])
     forecast = _nearest(known, wanted_time(config, near_ns))
-    fields, own = [], None
+    fields, at_start = [], None
     for file in files:
         for time in file.times:
             if time == forecast:
-                own = own or _one_time(file, time, f"{file.names} {date_text(time)}", extra=True)
+                at_start = at_start or _one_time(
+                    file, time, f"{file.names} {date_text(time)}", extra=True
+                )
                 continue
             apart = abs(time - forecast) / _YEAR_NS
             if abs(apart - round(apart)) * _YEAR_NS <= days * _DAY_NS:
@@ -218,9 +222,9 @@ def _of_season(
             f"{found.source}: {count_text(len(fields), 'field')} within {days:g} days of the season of {date_text(forecast)}; at "
             "least 2 are needed: widen the window, or give more files"
         )
-    assert own is not None
+    assert at_start is not None
     note = f"members: the forecast of {date_text(forecast)} plus the anomalies of {len(fields)} fields within {days:g} days of its season"
-    return Selection((*fields, own), forecast, _about_forecast, (note,))
+    return Selection((*fields, at_start), forecast, _about_forecast, (note,))
 
 
 def _about_forecast(velocity: Values) -> tuple[Values, tuple[str, ...]]:
@@ -266,7 +270,10 @@ def _without_bias(counts: list[list[int]]) -> Change:
         averages = iter(velocity[len(counts) :])
         if all(counts):
             means = np.stack(
-                [np.average([next(averages) for _ in own], axis=0, weights=own) for own in counts]
+                [
+                    np.average([next(averages) for _ in sizes], axis=0, weights=sizes)
+                    for sizes in counts
+                ]
             )
             how = "over its times"
         else:

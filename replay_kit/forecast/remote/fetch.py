@@ -182,8 +182,10 @@ def _planned(found: Collection, wanted: Wanted, config: ForecastConfig) -> Itera
     for address, of_dims in taken.items():
         ds = served(address).ds
         parts = {dim: part for dim, part in of_dims.items() if dim in ds.sizes}
-        own = dict.fromkeys(name for name in currents.get(address, ()) if name in ds.variables)
-        yield Cut(served(address), parts, _names(ds, parts, tuple(own)), tuple(own))
+        velocities = dict.fromkeys(
+            name for name in currents.get(address, ()) if name in ds.variables
+        )
+        yield Cut(served(address), parts, _names(ds, parts, tuple(velocities)), tuple(velocities))
 
 
 def _names(ds: xr.Dataset, parts: Parts, current: tuple[str, ...]) -> tuple[str, ...]:

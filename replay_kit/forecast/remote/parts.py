@@ -68,24 +68,26 @@ def parts_of(
     # as the server has it, where a field is one of its runs
     whole = with_dates(open_address(first)) if isinstance(first, Address) else ds
     current = field.current.u if whole is not ds else U
-    taken = _of_times(field, whole, whole[current].dims, wanted, config, kind)
+    taken = _time_range(field, whole, whole[current].dims, wanted, config, kind)
     layout = lay_out(ds, field.current, where)
     for dims in layout.dims.values():
         taken |= {dim: np.arange(ds.sizes[dim]) for dim in dims}
     if wanted.region is not None:
-        taken |= _of_region(layout.within(wanted.region, where), ds, alone)
+        taken |= _region_ranges(layout.within(wanted.region, where), ds, alone)
     depths = tuple(find_depth(ds, ds[name].dims) for name in (U, V))
     if depths[0] is not None and not follows_terrain(ds, depths[0]):
         everything = config.model_copy(update={"levels": None})
         levels = choose_levels(ds, depths, everything, float(np.mean(layout.latitude)), where)
-        order = levels.position[_of_depths(levels.depth, wanted.deepest, config.levels)]
+        order = levels.position[_depth_range(levels.depth, wanted.deepest, config.levels)]
         for dim in filter(None, depths):
             taken[dim] = np.arange(order.min(), order.max() + 1)
     # files of u and v apart may have dimensions of one name and other sizes
     return {dim.removesuffix("_of_v"): parts for dim, parts in taken.items()}
 
 
-def _of_depths(depth: np.ndarray, deepest: float | None, levels: tuple[float, ...] | None) -> slice:
+def _depth_range(
+    depth: np.ndarray, deepest: float | None, levels: tuple[float, ...] | None
+) -> slice:
     """Return the range of required levels by depth, with one more on each side of those requested."""
     if levels is not None:
         at = [nearest(depth, level) for level in levels]
@@ -95,11 +97,12 @@ def _of_depths(depth: np.ndarray, deepest: float | None, levels: tuple[float, ..
     return slice(0, max(int(np.searchsorted(depth, deepest)) + 1, 2))
 
 
-def _of_region(cut: Layout, ds: xr.Dataset, alone: bool) -> dict[str, Index]:
+def _region_ranges(cut: Layout, ds: xr.Dataset, alone: bool) -> dict[str, Index]:
     """Return the rows and columns of a region with a margin, for each staggered dimension."""
     taken, margin = dict[str, Index](), 0 if alone and cut.first_face is None else _MARGIN
     for axis, index in enumerate((cut.rows, cut.columns)):
-        dims, size = {of[axis] for of in cut.dims.values()}, ds.sizes[cut.dims[CENTRE][axis]]
+        dims = {dims_of[axis] for dims_of in cut.dims.values()}
+        size = ds.sizes[cut.dims[CENTRE][axis]]
         period = cut.period if axis else None
         wider = np.arange(-margin, index.size + margin) + index[0]
         if period is not None and all(ds.sizes[dim] == size for dim in dims):
@@ -113,7 +116,7 @@ def _of_region(cut: Layout, ds: xr.Dataset, alone: bool) -> dict[str, Index]:
     return taken
 
 
-def _of_times(
+def _time_range(
     field: Field,
     ds: xr.Dataset,
     dims: tuple[Hashable, ...],

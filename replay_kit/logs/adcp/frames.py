@@ -100,7 +100,9 @@ def _pd0(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
     if not n_types or first != 6 + 2 * n_types or size < first + 2 or check + 2 > len(data):
         return None
     leader, stated = (struct.unpack_from("<H", data, place)[0] for place in (at + first, check))
-    return (check + 2, 0) if leader in _FIXED_LEADERS and sums.of(at, check) == stated else None
+    return (
+        (check + 2, 0) if leader in _FIXED_LEADERS and sums.of_bytes(at, check) == stated else None
+    )
 
 
 def _packet(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
@@ -112,7 +114,7 @@ def _packet(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
         return None
     return (
         (check + 2, data[at + 1])
-        if sums.of(at, check) == int.from_bytes(data[check : check + 2], "little")
+        if sums.of_bytes(at, check) == int.from_bytes(data[check : check + 2], "little")
         else None
     )
 
@@ -143,7 +145,7 @@ class _Sums:
         even[1::2] = 0
         self._all, self._even = (np.cumsum(part, dtype=np.uint16) for part in (values, even))
 
-    def of(self, start: int, end: int) -> int:
+    def of_bytes(self, start: int, end: int) -> int:
         """Return the sum of the bytes of a part."""
         return self._between(self._all, start, end)
 

@@ -233,12 +233,12 @@ def fixes_of(datasets: Sequence[Any]) -> Fixes:
     """Return the fixes in the MHKiT datasets (xarray) of one file, in any order."""
     table = np.concatenate([np.empty((5, 0)), *map(_raw_fixes, datasets)], axis=1)
     good = table[4] > 0.0
-    gps, own, longitude, latitude = table[:4, good]
+    gps, clock, longitude, latitude = table[:4, good]
     dated = any(dataset.attrs.get("source_program") == "VMDAS" for dataset in datasets)
-    offset = clock_offset(gps, own, dated) if gps.size else None
+    offset = clock_offset(gps, clock, dated) if gps.size else None
     if offset is not None and not dated:
         # of several whole days the one that the offset means
-        gps = gps - np.round((gps - own - offset) / _DAY_MS) * _DAY_MS
+        gps = gps - np.round((gps - clock - offset) / _DAY_MS) * _DAY_MS
     time, first = np.unique(gps.astype(np.int64) * _MS_NS, return_index=True)
     places = {"longitude": longitude[first], "latitude": latitude[first]}
     columns = {"time": time, **places, "error": np.full(time.size, np.nan)}
@@ -263,15 +263,15 @@ def _raw_fixes(dataset: Any) -> Array:
     return np.array([*times, longitude, latitude, good], np.float64)
 
 
-def clock_offset(gps: Array, own: Array, dated: bool) -> float:
+def clock_offset(gps: Array, clock: Array, dated: bool) -> float:
     """Return UTC minus the instrument's clock [ms], the median over the fixes.
 
     Args:
         gps: GPS time of each fix, shape (n,) [ms].
-        own: The instrument's clock at each fix, shape (n,) [ms].
+        clock: The instrument's clock at each fix, shape (n,) [ms].
         dated: Whether the GPS time has its own date; otherwise the offset is known modulo a day, and that within half a day is returned.
     """
-    ahead = gps - own
+    ahead = gps - clock
     return float(np.median(ahead if dated else (ahead + _DAY_MS / 2) % _DAY_MS - _DAY_MS / 2))
 
 

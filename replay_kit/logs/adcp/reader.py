@@ -143,8 +143,8 @@ def with_bottom(profiles: RawProfiles, tracks: Tracks) -> RawProfiles:
         tracks: Bottom tracks.
     """
     system, vectors = profiles.common["coordinate_system"], profiles.common["beam_unit_vectors"]
-    for (own, _), track in tracks.items():
-        velocity = _converted(track.velocity, own, system, vectors)
+    for (of_track, _), track in tracks.items():
+        velocity = _converted(track.velocity, of_track, system, vectors)
         if velocity is not None:
             times, wanted = track.time_ns, profiles.time_ns
             after = np.minimum(np.searchsorted(times, wanted), times.size - 1)
@@ -158,11 +158,11 @@ def with_bottom(profiles: RawProfiles, tracks: Tracks) -> RawProfiles:
     return profiles
 
 
-def _converted(velocity: Array, own: str, wanted: str, vectors: Any) -> Array | None:
+def _converted(velocity: Array, given: str, wanted: str, vectors: Any) -> Array | None:
     """Return velocities in other coordinates, shape (n, components); None if no conversion exists."""
-    if own == wanted:
+    if given == wanted:
         return velocity
-    if {own, wanted} != {"beam", "instrument"} or vectors is None:
+    if {given, wanted} != {"beam", "instrument"} or vectors is None:
         return None
     matrix = np.array(vectors) if wanted == "beam" else np.linalg.pinv(np.array(vectors))
     return np.asarray(velocity @ matrix.T) if velocity.shape[1] == matrix.shape[1] else None

@@ -90,14 +90,16 @@ class SystemTimes:
         found = []
         pairs = self._pairs()
         for sender, start in np.unique(pairs[["sender", "start"]]).tolist():
-            own = pairs[
+            of_start = pairs[
                 (pairs["sender"] == sender) & (pairs["start"] == start) & (pairs["boot_ms"] > 0)
             ]
-            if own.size:
-                timed = own[own["utc_us"] >= UTC_SINCE_US]
-                used, utc = (timed, "utc_us") if timed.size else (own, "stamp_us")
+            if of_start.size:
+                timed = of_start[of_start["utc_us"] >= UTC_SINCE_US]
+                used, utc = (timed, "utc_us") if timed.size else (of_start, "stamp_us")
                 fit = fit_clock(used["boot_ms"] * 1_000_000, used[utc] * 1000)
-                found.append(StartClock(sender, int(own["position"][0]), fit, bool(timed.size)))
+                found.append(
+                    StartClock(sender, int(of_start["position"][0]), fit, bool(timed.size))
+                )
         return sorted(found, key=lambda clock: clock.position)
 
     def notes(self) -> tuple[str, ...]:
@@ -127,11 +129,11 @@ class SystemTimes:
 
     def _count_starts(self, pairs: NDArray[np.void], sender: int) -> None:
         """Number the boots of one sender in its pairs."""
-        own = np.flatnonzero(pairs["sender"] == sender)
+        of_sender = np.flatnonzero(pairs["sender"] == sender)
         start, last_ms = self._starts.get(sender, (0, 0))
-        boot_ms = pairs["boot_ms"][own]
+        boot_ms = pairs["boot_ms"][of_sender]
         numbers = start + np.cumsum(np.diff(boot_ms, prepend=last_ms) < -_RESTART_MS)
-        pairs["start"][own] = numbers
+        pairs["start"][of_sender] = numbers
         self._starts[sender] = int(numbers[-1]), int(boot_ms[-1])
 
 
@@ -167,11 +169,9 @@ def unpacker(message_id: int) -> Unpack:
     padding.
     """
     message = dialect.mavlink_map[message_id]
-    size, unpack, names = (
-        message.unpacker.size,
-        message.unpacker.unpack_from,
-        tuple(message.fieldnames),
-    )
+    size = message.unpacker.size
+    unpack = message.unpacker.unpack_from
+    names = tuple(message.fieldnames)
     # on the wire the fields have another order; an array is several values, a text is one
     ends = [sum(message.lengths[: place + 1]) for place in range(len(names))]
     wire = [

@@ -351,12 +351,12 @@ def disordered(file: BinaryIO, summary: Summary, window_ns: int) -> list[int] | 
         entries = np.concatenate(parts)
         order = np.argsort(entries["offset"], kind="stable")
         times = entries["log_ns"].astype(np.int64)[order]
-        of = np.repeat(numbers, [part.size for part in parts])[order]
+        channel = np.repeat(numbers, [part.size for part in parts])[order]
         start, end = chunk.message_start_time, chunk.message_end_time
         if not start <= times.min() <= times.max() <= end <= _LAST_NS:
             return None
         for number in numbers:
-            lag, newest[number] = _lag(times[of == number], newest.get(number, 0))
+            lag, newest[number] = _lag(times[channel == number], newest.get(number, 0))
             if lag > FAR_NS:
                 return None
         lag, newest[-1] = _lag(times, newest.get(-1, 0))

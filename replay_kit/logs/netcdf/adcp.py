@@ -182,9 +182,9 @@ def absolute_profiles(
     common = _FROM_SURFACE | {"computed_from": ["/dac"]}
     common |= {} if even else {"cell_distances": depth.tolist()}
     time_ns = np.where(has, np.where(placed, middle, samples["time"]), 0)
-    own = {"time": time_ns, "velocity": velocity, "dive": samples["dive"].astype(np.int64)}
+    profiles = {"time": time_ns, "velocity": velocity, "dive": samples["dive"].astype(np.int64)}
     cells = float(steps[0]) if even else 1.0, float(depth[0])
-    yield from _pings(PROFILES, own, cells, common)
+    yield from _pings(PROFILES, profiles, cells, common)
 
 
 # cells between two whose difference is a shear; nearer ones differ by noise alone
@@ -281,7 +281,11 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         for word in ("velocity", "amplitude", "correlation")
         if all(f"{word}beam{k}" in held for k in beams)
     }
-    flat = {name: file.array(held[own]).ravel() for name, own in _SENSORS.items() if own in held}
+    flat = {
+        name: file.array(held[sensor]).ravel()
+        for name, sensor in _SENSORS.items()
+        if sensor in held
+    }
     columns |= {name: values for name, values in flat.items() if values.size == time_ns.size}
     columns |= {"time": time_ns}
     up, distance = (

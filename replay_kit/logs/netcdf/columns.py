@@ -64,10 +64,10 @@ def remove_bad(
                 of_fix = ("/vehicle/fix", "GPS fix")
                 topic, what = ("/dac", "mean current") if part == "dac" else of_fix
                 told.skipped[topic, f"{what} flagged bad ({flag})"] += int(bad.sum())
-            for one in masked:
-                found = values.get(one, np.empty(0))
-                if found.size == bad.size and not one.endswith("time"):
-                    values[one] = np.where(bad.reshape(found.shape), np.nan, found)
+            for masked_name in masked:
+                found = values.get(masked_name, np.empty(0))
+                if found.size == bad.size and not masked_name.endswith("time"):
+                    values[masked_name] = np.where(bad.reshape(found.shape), np.nan, found)
 
 
 def flagged_bad(name: str, stored: Stored, meanings: str, notes: list[str]) -> Mask:
@@ -306,9 +306,9 @@ def _tables(values: Table) -> Columns:
     gps = dict(values)
     if gps.get("gps_longitude", np.empty(0)).size == n:
         # some writers state the position of a fix and leave its time to the row
-        own = values.get("gps_time", np.zeros(n, np.int64)).ravel()
-        if own.size == n:
-            gps["gps_time"] = np.where(own > 0, own, time)
+        gps_time = values.get("gps_time", np.zeros(n, np.int64)).ravel()
+        if gps_time.size == n:
+            gps["gps_time"] = np.where(gps_time > 0, gps_time, time)
     gps = _alike(gps, ("gps_",), "gps_longitude")
     profile = _profile(values, n, order)
     if profile:

@@ -59,10 +59,10 @@ def fixes_of(columns: Columns, told: Told) -> Table:
         told: Receives assumptions and counts of unusable values.
     """
     samples = columns.samples
-    own = places_in(columns.gps, "gps_")
-    found = stacked([own, places_in(samples, "end_")])
+    at_fixes = places_in(columns.gps, "gps_")
+    found = stacked([at_fixes, places_in(samples, "end_")])
     # files repeat the fix, or write none, at each sample of a dive: only a time without a place in a table of fixes is a loss
-    is_table = own["time"].size not in (0, samples["time"].size)
+    is_table = at_fixes["time"].size not in (0, samples["time"].size)
     lost = int((~are_known(found)).sum()) if is_table else 0
     flagged = sum(n for (topic, _), n in told.skipped.items() if topic == "/vehicle/fix")
     told.skipped["/vehicle/fix", "GPS fix without time or position"] += max(lost - flagged, 0)
@@ -129,10 +129,10 @@ def mean_currents(
     if not {"dac_east", "dac_north"} <= table.keys():
         return ()
     velocity = table["dac_east"] + 1j * table["dac_north"]
-    own = table.get("dac_time", np.zeros(velocity.size, np.int64))
+    dac_time = table.get("dac_time", np.zeros(velocity.size, np.int64))
     zero = velocity == 0.0
     if zero.any():
-        begins = zero & np.r_[True, ~zero[:-1] | (own[1:] != own[:-1])]
+        begins = zero & np.r_[True, ~zero[:-1] | (dac_time[1:] != dac_time[:-1])]
         notes.append(f"mean current: {int(begins.sum())} of exactly (0, 0) taken as missing")
     rows = np.flatnonzero(np.isfinite(velocity) & ~zero)
     groups = list(rows[:, None])
@@ -188,8 +188,8 @@ def _repeated(
     # a value that a dive repeats may stand at the fixes at its ends, too, where it could be of either dive
     at_fix = np.isin(table["time"][rows], fixes["time"])
     rows = rows[~(at_fix & np.isin(velocity[rows], velocity[rows[~at_fix]]))]
-    value, own = velocity[rows], table["dac_time"][rows]
-    segment = np.where(own > 0, own, np.searchsorted(fixes["time"], table["time"][rows]))
+    value, dac_time = velocity[rows], table["dac_time"][rows]
+    segment = np.where(dac_time > 0, dac_time, np.searchsorted(fixes["time"], table["time"][rows]))
     new = (np.diff(value) != 0.0) | (np.diff(segment) != 0)
     groups = np.split(rows, np.flatnonzero(new) + 1) if rows.size else []
     if rows.size > len(groups) > 1:

@@ -92,10 +92,10 @@ class Dialect:
 
     def chosen(self, held: Mapping[str, Stored]) -> dict[str, str]:
         """Return the variable of each quantity of a file, in the file's case."""
-        own = {name.lower(): name for name in held}
+        by_lower_case = {name.lower(): name for name in held}
         found = {}
         for key, listed in self.names.items():
-            names = [own[name] for name in listed.split() if name in own]
+            names = [by_lower_case[name] for name in listed.split() if name in by_lower_case]
             if standard := self.standard.get(key):
                 stated = [name for name, one in held.items() if one.standard == standard]
                 names = stated if len(stated) == 1 else names

@@ -70,14 +70,14 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
         notes.append(f"{how}; no declination was added to them")
     # an inversion weighs the mean current against the pings; profiles that were only shifted to it hold nothing else of it
     topics = {topic for _, topic, _, _ in pings}
-    of = {"inverted_in": INVERTED} if INVERTED in topics else {}
-    of = {"also_in": PROFILES} if PROFILES in topics else of
+    related = {"inverted_in": INVERTED} if INVERTED in topics else {}
+    related = {"also_in": PROFILES} if PROFILES in topics else related
     # at one time a position comes before the velocities measured there
     return lambda: (
         chain(
             fix_entries(fixes),
             _positions(samples, means, fixes, dialect),
-            ((mean.end.time_ns, "/dac", DIVE_MEAN, mean.payload | of) for mean in means),
+            ((mean.end.time_ns, "/dac", DIVE_MEAN, mean.payload | related) for mean in means),
             pings,
         ),
         *(_instrument(topic, samples) for topic in _INSTRUMENTS),
@@ -149,8 +149,8 @@ _INSTRUMENTS = MappingProxyType(
 
 def _instrument(topic: str, samples: Table) -> Iterator[Entry]:
     """Yield an instrument's messages in order of time: every CTD sample, changes of the waypoint, others once a minute."""
-    schema, beside, own = _INSTRUMENTS[topic]
-    held = [name for name in own if name in samples]
+    schema, beside, measured = _INSTRUMENTS[topic]
+    held = [name for name in measured if name in samples]
     if not held:
         return
     values = np.column_stack([samples[name] for name in held])

@@ -183,15 +183,15 @@ def _radials(file: Header) -> tuple[dict[str, Array], Counter[str]]:
         values = np.array(whole, np.float64).reshape(-1, len(names))
     except ValueError as error:
         raise LogError(f"{file.path}: radials: expected numbers, got {error}") from error
-    of = dict(zip(names, values.T, strict=True))
-    _check_station(file, of)
-    _check_unit(file, of["VELO"])
-    n = of["VELO"].size
-    errors = [of[name] for name in _ERRORS if name in of] or [np.full(n, USUAL_ERROR)]
+    held = dict(zip(names, values.T, strict=True))
+    _check_station(file, held)
+    _check_unit(file, held["VELO"])
+    n = held["VELO"].size
+    errors = [held[name] for name in _ERRORS if name in held] or [np.full(n, USUAL_ERROR)]
     std = np.fmax.reduce([np.where(each < _NO_ERROR, each, np.nan) for each in errors])
-    flag = of.get("VFLG", np.zeros(n)).astype(np.int64)
+    flag = held.get("VFLG", np.zeros(n)).astype(np.int64)
     tests = deciding(names)
-    quality = worst_flag([of[name].astype(np.int8) for name in tests], (n,))
+    quality = worst_flag([held[name].astype(np.int8) for name in tests], (n,))
     over_land, failed, unflagged = flag & _OVER_LAND > 0, is_failed(quality), flag == 0
     dropped = {
         "over land": over_land,
@@ -202,22 +202,22 @@ def _radials(file: Header) -> tuple[dict[str, Array], Counter[str]]:
     counts = Counter({what: int(which.sum()) for what, which in dropped.items()})
     good = ~np.any(list(dropped.values()), axis=0)
     columns = {
-        "longitude": of["LOND"],
-        "latitude": of["LATD"],
-        "direction": of["HEAD"],
+        "longitude": held["LOND"],
+        "latitude": held["LATD"],
+        "direction": held["HEAD"],
         "flag": quality,
-        "speed": 1e-2 * of["VELO"],
+        "speed": 1e-2 * held["VELO"],
         "error": 1e-2 * np.fmax(std, _LEAST_ERROR),
     }
     used = {key: column[good] for key, column in columns.items()}
     return used, +counts + Counter({"in incomplete lines": left_out})
 
 
-def _check_station(file: Header, of: Mapping[str, Array]) -> None:
+def _check_station(file: Header, columns: Mapping[str, Array]) -> None:
     """Raise LogError if radials do not lie at their range and bearing from the station in the header."""
     latitude, longitude = file.origin
-    x, y = to_local(Projection(longitude, latitude), of["LOND"], of["LATD"])
-    distance, angle = 1e3 * of["RNGE"], np.deg2rad(of["BEAR"])
+    x, y = to_local(Projection(longitude, latitude), columns["LOND"], columns["LATD"])
+    distance, angle = 1e3 * columns["RNGE"], np.deg2rad(columns["BEAR"])
     away = np.hypot(x - distance * np.sin(angle), y - distance * np.cos(angle))
     if away.size and float(np.median(away)) > 1e3 * _NEAR:
         raise LogError(

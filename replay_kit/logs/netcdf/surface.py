@@ -101,8 +101,12 @@ def _vectors(
     longitude, latitude = (np.squeeze(values[key]) for key in ("longitude", "latitude"))
     if longitude.ndim < 2:
         longitude, latitude = np.meshgrid(longitude, latitude, sparse=True)
-    shape, own = (len(values["east"]), len(latitude), longitude.shape[-1]), latitude.shape
-    if values["east"].size != math.prod(shape) or own not in (longitude.shape, (shape[1], 1)):
+    shape = (len(values["east"]), len(latitude), longitude.shape[-1])
+    shape_of_latitude = latitude.shape
+    if values["east"].size != math.prod(shape) or shape_of_latitude not in (
+        longitude.shape,
+        (shape[1], 1),
+    ):
         raise LogError(
             f"{path}: {chosen['east']}: expected {shape[1]} x {shape[2]} values, as lat and lon have, got {values['east'][0].size}"
         )

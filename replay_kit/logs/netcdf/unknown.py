@@ -124,15 +124,16 @@ def _over_rows(file: NetcdfFile, chosen: Mapping[str, str], values: Table) -> Ta
 
     # the place of a mooring may have two dimensions, of one value each
     dims = {
-        key: file.variables[chosen[key]].dims or ("row",) * own.ndim for key, own in values.items()
+        key: file.variables[chosen[key]].dims or ("row",) * array.ndim
+        for key, array in values.items()
     }
-    held = {key: xr.DataArray(own, dims=dims[key]).squeeze() for key, own in values.items()}
+    held = {key: xr.DataArray(array, dims=dims[key]).squeeze() for key, array in values.items()}
     try:
         spread = xr.broadcast(*held.values())
     except ValueError as error:
         raise ConfigError(f"{file.path}: {_EXPECTED}, of one length: {error}") from error
     # of a grid, or of columns that have no rows in common
-    if spread[0].ndim > 2 or spread[0].size > max(own.size for own in held.values()):
+    if spread[0].ndim > 2 or spread[0].size > max(array.size for array in held.values()):
         raise ConfigError(
             f"{file.path}: {_EXPECTED}, got columns over {some_text([*map(str, spread[0].dims)])}"
         )
@@ -142,7 +143,7 @@ def _over_rows(file: NetcdfFile, chosen: Mapping[str, str], values: Table) -> Ta
             f"{file.path}: {chosen['u']} varies along {some_text([*map(str, bare)])}, {chosen['depth']} does not; "
             "name the depths with --columns depth=COLUMN"
         )
-    return {key: own.values.ravel() for key, own in zip(held, spread, strict=True)}
+    return {key: array.values.ravel() for key, array in zip(held, spread, strict=True)}
 
 
 def _pings(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
@@ -268,9 +269,12 @@ def _read_rows(
             rows[other] = values
         elif values.ndim < 2 and values.size < n:
             fixed[other] = numbers(values)
-    of = {key: {*file.variables[own].dims} for key, own in PINGS.chosen(file.variables).items()}
+    dims = {
+        key: {*file.variables[variable].dims}
+        for key, variable in PINGS.chosen(file.variables).items()
+    }
     # of depths along which there is no current no row is a bin
-    hint = _NO_ERROR * (NEEDED - of.keys() == {"error"} and of["depth"] <= of["u"])
+    hint = _NO_ERROR * (NEEDED - dims.keys() == {"error"} and dims["depth"] <= dims["u"])
     if not rows:
         raise LogError(
             f"{file.path}: {_OTHER}, got no variable along {name} alone: {', '.join(file.variables)}{hint or _NOT_A_LOG}"

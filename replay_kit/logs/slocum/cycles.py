@@ -264,10 +264,8 @@ def read_cycles(data: bytes, at: int, sensors: Sequence[Sensor], wanted: Collect
     if order is None:
         what = "expected the 16 known bytes before the first cycle"
         return Cycles({}, {}, [Lost(at, len(data) - at, what)])
-    states, chosen = (
-        (len(sensors) + 3) // 4,
-        [k for k, one in enumerate(sensors) if one.name in wanted],
-    )
+    states = (len(sensors) + 3) // 4
+    chosen = [k for k, one in enumerate(sensors) if one.name in wanted]
     sizes = np.zeros(4 * states, np.int64)
     sizes[: len(sensors)] = [sensor.size for sensor in sensors]
 

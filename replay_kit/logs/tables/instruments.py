@@ -135,8 +135,8 @@ def _grouped(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]
     if not unlike:
         return [at]
     groups = defaultdict[str, list[int]](list)
-    for k, *own in zip(at, *unlike, strict=True):
-        groups[repr(own)].append(k)
+    for k, *values in zip(at, *unlike, strict=True):
+        groups[repr(values)].append(k)
     return [*groups.values()]
 
 

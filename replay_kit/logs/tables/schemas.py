@@ -66,13 +66,15 @@ def tables_of(
         for raw in raws:
             left = np.full(len(raw.time), True)
             for read, chosen in _readers(raw, config):
-                own = some(raw, left & chosen)
+                of_reader = some(raw, left & chosen)
                 left &= ~np.array(chosen)
-                if own.payloads and read == SCHEMA:
-                    framed.append(own)
-                elif own.payloads:
+                if of_reader.payloads and read == SCHEMA:
+                    framed.append(of_reader)
+                elif of_reader.payloads:
                     found += (
-                        read(own, config) if callable(read) else unused(own, read or NOT_A_KIND)
+                        read(of_reader, config)
+                        if callable(read)
+                        else unused(of_reader, read or NOT_A_KIND)
                     )
         pending, pings = joined(pending, framed, config)
     return found + pings, pending
@@ -94,8 +96,8 @@ def _readers(raw: Raw, config: MeasurementConfig) -> Iterator[tuple[Reader | str
     if not (raw.schema or read):
         # IMC in JSON names its messages inside, when nothing outside does
         kinds = field(payloads, "abbrev")
-        for kind, own in _IMC.items():
-            yield own, [one == kind for one in kinds]
+        for kind, reader in _IMC.items():
+            yield reader, [one == kind for one in kinds]
     yield read, True
 
 

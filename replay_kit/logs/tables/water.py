@@ -184,14 +184,14 @@ def _fix(payloads: Payloads, part: str) -> tuple[Times, Array]:
 def _drifter_fixes(payloads: Payloads) -> Rows:
     columns = _named(payloads, _DRIFTER)
     placed = np.isfinite(columns["longitude"]) & (np.abs(columns["latitude"]) <= 90.0)
-    own = np.array([*map(str, field(payloads, "id"))], object)
+    drifter = np.array([*map(str, field(payloads, "id"))], object)
     reasons = {
         "drifter without its drogue: the wind moves it": [
             drogued is not True for drogued in field(payloads, "drogued")
         ],
         "drifter: no position, or no depth of its drogue": ~(placed & (columns["depth"] >= 0.0)),
     }
-    return Rows("drifter", {"name": own, **columns}, reasons)
+    return Rows("drifter", {"name": drifter, **columns}, reasons)
 
 
 def _radar(payload: Payload) -> tuple[Any, ...] | str:
@@ -220,9 +220,9 @@ def _radar(payload: Payload) -> tuple[Any, ...] | str:
     # both components of a vector err alike
     std = np.sqrt(np.mean(np.square(errors), axis=0))
     direction, suspect = second if radials else None, flags == Flag.SUSPECT
-    of = "sensors" if payload.get("kind") == "sensors" else "radar"
+    kind = "sensors" if payload.get("kind") == "sensors" else "radar"
     extent = depth, averaged, length if length > 0.0 else 0.0
-    return longitude, latitude, value, std, direction, suspect, *extent, of
+    return longitude, latitude, value, std, direction, suspect, *extent, kind
 
 
 #: What reads the messages of our own schemas.

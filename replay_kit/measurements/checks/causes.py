@@ -189,8 +189,8 @@ def _source_finding(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
         evidence = f"the profiles are {size:.3g} (x/ {math.exp(best.spread):.2f}) times as fast as the mean currents of dives"
         cause = "a wrong unit or scale of the profiles, or of the mean currents of dives"
         if units := list(dict.fromkeys(filter(None, best.slips))):
-            of = "velocities" if size > 1.0 else "mean currents of dives"
-            cause = f"the {of} are in {' or '.join(units)}, taken for m/s"
+            quantity = "velocities" if size > 1.0 else "mean currents of dives"
+            cause = f"the {quantity} are in {' or '.join(units)}, taken for m/s"
         stated = f' = "{best.slips[0]}"' * (best.slips[0] in _STATED and size > 1.0)
         advice = f"state measurements.velocity_unit{stated}, or check both sources"
     else:
@@ -304,12 +304,12 @@ def preferred(rejected: str, kept: str, evidence: str) -> Finding:
 
 def source_misfit(kind: str, nis: float, values: int) -> Finding:
     """Return the finding that a source's innovations exceed their stated errors."""
-    of = _SOURCES[kind]
+    source = _SOURCES[kind]
     return Finding(
         PREFERRED,
         0,
-        f"{of}: normalised innovation squared {nis:.1f} per value, of {values}",
-        f"{of} and the estimate are inconsistent, or their stated errors too small",
+        f"{source}: normalised innovation squared {nis:.1f} per value, of {values}",
+        f"{source} and the estimate are inconsistent, or their stated errors too small",
         f"compare the results with and without them (--without {kind})",
         "warning",
     )

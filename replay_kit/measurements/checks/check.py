@@ -32,12 +32,12 @@ CHECKS: Mapping[str, Fold] = {
     "noise": profile.noise,
     "beams": instrument.beams,
     "shape": profile.one_shape,
-    "sensors": sensors.of_sensors,
+    "sensors": sensors.against_vehicle,
     "means": pairs.beside,
 }
 # Of positions, and of mean currents.
 _OF_POSITIONS: Mapping[str, Callable[..., Any]] = {
-    "vehicle": sensors.of_vehicle,
+    "vehicle": sensors.vehicle_history,
     "frozen": place.frozen,
     "separate": place.separate,
     "twice": instrument.duplicates,
@@ -63,16 +63,16 @@ class Checked:
     findings: tuple[Finding, ...] = ()
 
     @property
-    def of_directions(self) -> bool:
+    def doubts_directions(self) -> bool:
         """Whether findings state that an instrument's profiles are rotated or contradict another source."""
         told = OF_SOURCES | {COMPASS}
-        return any(told & names for of, names in self.named.items() if of)
+        return any(told & names for instrument, names in self.named.items() if instrument)
 
     @property
     def can_tell_directions(self) -> bool:
         """Whether the log can show, or has shown, errors of directions."""
         shown = (pairs.show_directions(self.memory, name) for name in self.instruments)
-        return self.of_directions or any(shown)
+        return self.doubts_directions or any(shown)
 
 
 def check(
@@ -105,7 +105,7 @@ def check(
     if len(means):
         # profiles may have been computed from a mean current
         means = means.take(means["beside_profiles"] == 0)
-        run("of means", pairs.of_means, means)
+        run("of means", pairs.means_against_motion, means)
     for order, finding in block.findings:
         # with the first event of the message that tells
         found.append(("", Found(int(np.searchsorted(block.events[:, 0], order)), finding)))
@@ -151,9 +151,9 @@ def _instruments(block: Block, known: Mapping[str, Rows]) -> dict[str, Rows]:
         beams = np.where(pings["along_beams"], pings["components"], 0)
         for topic, number in sorted({*zip(pings["topic"].tolist(), beams.tolist(), strict=True)}):
             name = block.topics[topic]
-            own = pings.take((pings["topic"] == topic) & (beams == number))
-            of = f"{name} along {number} beams" if number else name
-            found[of] = replace(own, topic=name, instrument=of)
+            of_instrument = pings.take((pings["topic"] == topic) & (beams == number))
+            instrument = f"{name} along {number} beams" if number else name
+            found[instrument] = replace(of_instrument, topic=name, instrument=instrument)
     return found
 
 
@@ -167,15 +167,15 @@ def _new_findings(
         found: Findings of the block with their instruments.
     """
     after, new = dict(named), list[tuple[int, Finding, bool]]()
-    since = {of: -1 for of, names in named.items() if UNUSED in names}
-    for of, (event, finding, unless) in sorted(found, key=lambda one: one[1].event):
-        known = after.get(of, frozenset())
+    since = {source: -1 for source, names in named.items() if UNUSED in names}
+    for source, (event, finding, unless) in sorted(found, key=lambda one: one[1].event):
+        known = after.get(source, frozenset())
         if finding.name in known or not (known | after.get("", frozenset())).isdisjoint(unless):
             continue
-        after[of] = known | {finding.name}
+        after[source] = known | {finding.name}
         if finding.distrusts:
-            after[of] |= {UNUSED}
-            since.setdefault(of, event)
+            after[source] |= {UNUSED}
+            since.setdefault(source, event)
         believed = (names for one, names in after.items() if one and UNUSED not in names)
         new.append((event, finding, any(OF_SOURCES & names for names in believed)))
     return after, new, since
@@ -190,25 +190,28 @@ def unknowable(state: Checked) -> tuple[str, ...]:
     """Return sentences on faults of the profiles that the log cannot show, and how to show them; empty without profiles."""
     if not state.instruments:
         return ()
-    said, of_means = list[str](), list[dict[str, float]]()
+    said, possible = list[str](), list[dict[str, float]]()
     for name in state.instruments:
         current = state.memory["means", name].get("current", np.empty((0, 6)))
         if len(current) >= CURRENT.least:
             odds = causes(current, CURRENT, KINDS, by_fit=True)
             # what is neither established nor excluded
-            of_means.append({one: gain for one, gain in odds.items() if gain > _EXCLUDED})
-    if not of_means:
+            possible.append({one: gain for one, gain in odds.items() if gain > _EXCLUDED})
+    if not possible:
         why = "an offset cancels in profiles relative to the platform"
         if state.pings[1]:
             why = f"{CURRENT.least} mean currents of dives would show them"
         said.append(f"an offset, a drift or a scale of the profiles ({why})")
-    elif (left := min(of_means, key=len)) and not state.of_directions:
+    elif (left := min(possible, key=len)) and not state.doubts_directions:
         listed = ", ".join(f"{name} e^{gain:z.0f}" for name, gain in left.items())
         said.append(
             f"some faults of the profiles (odds by mean currents or drifts: {listed}; more of them, or other currents, would show them)"
         )
     vehicle = state.memory["vehicle", ""]
-    lag = min(sensors.least_lag(state.memory["sensors", of], vehicle) for of in state.instruments)
+    lag = min(
+        sensors.least_lag(state.memory["sensors", instrument], vehicle)
+        for instrument in state.instruments
+    )
     said.append(
         f"a lag of the instrument's clock below {lag:.0f} s"
         if np.isfinite(lag)

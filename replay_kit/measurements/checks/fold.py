@@ -178,29 +178,29 @@ def spaced(
 
 
 def history(
-    memory: Memory, rows: Rows, names: Iterable[str], seconds: float, most: int, of: str = ""
+    memory: Memory, rows: Rows, names: Iterable[str], seconds: float, most: int, prefix: str = ""
 ) -> tuple[Rows, dict[str, NDArray[Any]]]:
     """Return remembered and new rows at a minimum spacing in time, and the new memory.
 
     ``number`` counts the rows up to each.
 
     Args:
-        memory: Columns of up to ``most`` rows by name with prefix ``of``.
+        memory: Columns of up to ``most`` rows by name with prefix ``prefix``.
         rows: New rows.
         names: Names of the columns to remember, including ``time``.
         seconds: Minimum spacing [s].
         most: Number of rows to remember.
-        of: Prefix that distinguishes histories in one memory.
+        prefix: Prefix that distinguishes histories in one memory.
     """
     new = replace(rows, columns={"number": rows.event, **{name: rows[name] for name in names}})
-    old = {name: memory.get(of + name, values[:0]) for name, values in new.columns.items()}
+    old = {name: memory.get(prefix + name, values[:0]) for name, values in new.columns.items()}
     times, least = old["time"].tolist(), seconds * 1e9
     at = spaced(new["time"].tolist(), times, lambda last, time: not -least < time - last < least)
     new = new.take(at)
     new = new.having(number=old["number"][-1:].sum() + np.arange(1, len(new) + 1))
     columns = {name: np.concatenate([old[name], new[name]]) for name in old}
     event = np.concatenate([np.full(len(times), -1), new.event])
-    after = {of + name: values[-most:] for name, values in columns.items()}
+    after = {prefix + name: values[-most:] for name, values in columns.items()}
     return replace(rows, event=event, columns=columns), after
 
 

@@ -98,7 +98,7 @@ SIGNS = (
 
 
 def _named_signs(kind: str) -> dict[float, str]:
-    return {degrees: name for of, degrees, name, *_ in SIGNS if of == kind}
+    return {degrees: name for sign_kind, degrees, name, *_ in SIGNS if sign_kind == kind}
 
 
 # Alternatives, degrees or logarithms, and names of those that are usual slips: of axes, signs, and units of either source. Smaller
@@ -273,10 +273,10 @@ def alternatives(pairs: Array, floor: float, kind: str) -> Alternatives:
         left = misfit[0] - (bias.conj() * common[0] + added.conj() * moments).real
         cost, value = np.log(v * det / precision)[:, None], added[:, None]
         gain = density(left, bias)[:, None] - cost - np.abs(value / _ADDED[kind]) ** 2 / 2.0
-        of = Family(value[0], np.log([_OF_CAUSE[CAUSES[kind]]]), ("",))
+        family_of_kind = Family(value[0], np.log([_OF_CAUSE[CAUSES[kind]]]), ("",))
     else:
-        of = family(kind)
-        g, n, value = of.factor, of.narrowed, of.factor
+        family_of_kind = family(kind)
+        g, n, value = family_of_kind.factor, family_of_kind.narrowed, family_of_kind.factor
         c = b.conj() if kind == "mirror" else b
         aa, cc, ac, s_a, s_c = (
             _since(w * each)[:, None]
@@ -290,7 +290,9 @@ def alternatives(pairs: Array, floor: float, kind: str) -> Alternatives:
         cost = -2.0 * np.maximum(weight - 1.0, 0.0)[:, None] * np.log(n)
     gain -= density(misfit[0] - np.abs(common[0]) ** 2 / precision, common[0] / precision)
     gain[1:] -= math.log(len(gain))
-    return Alternatives(gain, np.broadcast_to(value, gain.shape), of.prior, of.slip, cost)
+    return Alternatives(
+        gain, np.broadcast_to(value, gain.shape), family_of_kind.prior, family_of_kind.slip, cost
+    )
 
 
 def _vectors(pairs: Array) -> tuple[Complex, Complex, Array]:
@@ -327,8 +329,8 @@ def causes(
     """
     found = dict[str, float]()
     for kind in kinds if len(pairs) else ():
-        of = alternatives(pairs, source.floor, kind)
-        logs = of.gain + of.prior + of.cost * by_fit
+        each = alternatives(pairs, source.floor, kind)
+        logs = each.gain + each.prior + each.cost * by_fit
         odds = np.logaddexp.reduce(logs[: max(1, len(pairs) - source.least + 1)], axis=None)
         found[CAUSES[kind]] = float(np.logaddexp(found.get(CAUSES[kind], -math.inf), odds))
     return found
@@ -347,11 +349,12 @@ def explanation(
     """
     floor, found = source.floor, list[tuple[float, Explanation]]()
     for kind in kinds if len(pairs) >= source.least else ():
-        of, spread = alternatives(pairs, floor, kind), 0.0
-        logs = of.gain + of.prior
+        causes_of_kind, spread = alternatives(pairs, floor, kind), 0.0
+        logs = causes_of_kind.gain + causes_of_kind.prior
         last = logs[: len(pairs) - source.least + 1]
         k, h = (int(one) for one in np.unravel_index(np.argmax(last), last.shape))
-        value, (a, b, w) = complex(of.value[k, h]), (each[k:] for each in _vectors(pairs))
+        value = complex(causes_of_kind.value[k, h])
+        (a, b, w) = (each[k:] for each in _vectors(pairs))
         expected = value * (b.conj() if kind == "mirror" else b)
         if kind in _ADDED:
             expected = b + value * _basis(kind, pairs)[k, k:]
@@ -364,11 +367,15 @@ def explanation(
         if favoured < _MAJORITY or ratio < _LEAST_RATIO:
             continue
         if kind in ("scale", "unit"):
-            shares, size = np.exp(logs[k] - logs[k, h]), np.log(np.abs(of.value[k] / value))
+            shares = np.exp(logs[k] - logs[k, h])
+            size = np.log(np.abs(causes_of_kind.value[k] / value))
             spread = math.sqrt(float(shares @ size**2 / shares.sum()))
-        near = (of.slip[one] for one in np.flatnonzero(logs[k] > logs[k, h] - _ALIKE))
-        slips = of.slip[h], *(slip for slip in near if slip and slip != of.slip[h])
-        gain, since = float(of.gain[k, h]), float(pairs[k, 5]) if k else 0.0
+        near = (causes_of_kind.slip[one] for one in np.flatnonzero(logs[k] > logs[k, h] - _ALIKE))
+        slips = (
+            causes_of_kind.slip[h],
+            *(slip for slip in near if slip and slip != causes_of_kind.slip[h]),
+        )
+        gain, since = float(causes_of_kind.gain[k, h]), float(pairs[k, 5]) if k else 0.0
         of_kind = Explanation(kind, value, slips, spread, gain, favoured, len(w), since)
         found.append((logs[k, h], of_kind))
     most, best = max(found, key=lambda each: each[0], default=(0.0, None))

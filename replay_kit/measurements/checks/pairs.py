@@ -287,7 +287,7 @@ def beside(memory: Memory, pings: Rows, context: Context) -> Judged:
     return {**after, **_dives(after, pings.take(slice(start, None)))}, found
 
 
-def of_means(memory: Memory, means: Rows) -> Judged:
+def means_against_motion(memory: Memory, means: Rows) -> Judged:
     """Check for mean currents that are equal to the last digit or inconsistent with dead reckoning.
 
     Positions reckoned with a current differ in other ways, which are not reported.
@@ -331,4 +331,6 @@ def of_means(memory: Memory, means: Rows) -> Judged:
 def show_directions(memories: Mapping[tuple[str, str], Memory], instrument: str) -> bool:
     """Return whether pairs of an instrument would show wrong directions."""
     held = memories.get(("means", instrument), {})
-    return any(name in held and tell_directions(held[name], of) for name, of in _SOURCES.items())
+    return any(
+        name in held and tell_directions(held[name], kind) for name, kind in _SOURCES.items()
+    )

@@ -55,11 +55,9 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
         if place != [east, north]:
             (east, north), began, number, least, most, fix = place, time, 0, math.inf, -math.inf, 0
         # a depth that is not known changes neither
-        number, least, most = (
-            number + 1,
-            depth if depth < least else least,
-            depth if depth > most else most,
-        )
+        number = number + 1
+        least = depth if depth < least else least
+        most = depth if depth > most else most
         moved = most - least > _FROZEN_DEPTH
         fix = fix or (moved and not reckoned and number > 1)
         bad = moved and time - began >= _FROZEN_TIME * 1e9 and number >= _FROZEN_FIXES

@@ -138,10 +138,10 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
     by_geometry[by_geometry] = top[by_geometry] < upper_median(
         distance[by_geometry], np.isfinite(distance[by_geometry])
     )
-    told, own, over_it = measured.any(axis=1), pings.take(by_geometry), high[by_geometry]
-    echo, _ = _scatter(own, over_it[:, 2:] & over_it[:, :-2])
-    below, _ = _scatter(own, ~over_it[:, 2:] & ~over_it[:, :-2])
-    stated = mean_of(own["error_std"], np.isfinite(own["error_std"]))
+    told, located, over_it = measured.any(axis=1), pings.take(by_geometry), high[by_geometry]
+    echo, _ = _scatter(located, over_it[:, 2:] & over_it[:, :-2])
+    below, _ = _scatter(located, ~over_it[:, 2:] & ~over_it[:, :-2])
+    stated = mean_of(located["error_std"], np.isfinite(located["error_std"]))
     heard, water = told & by_geometry, np.zeros(len(pings), np.bool_)
     heard[by_geometry] &= np.isfinite(echo)
     water[by_geometry] = echo < _LIKE_WATER * np.minimum(stated, below)

@@ -59,14 +59,14 @@ _UNKNOWN = math.nan, math.nan
 Columns = Memory | Rows
 
 
-def of_vehicle(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Rows]:
+def vehicle_history(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Rows]:
     """Return the new memory of the vehicle's depths and positions, no finding, and their rows of the last day."""
     names = "time", "depth", "dead_reckoned", "longitude", "latitude"
     rows, after = history(memory, positions, names, _SPACING, _MOST_OF_VEHICLE)
     return after, [], rows
 
 
-def of_sensors(memory: Memory, pings: Rows, context: Context) -> Judged:
+def against_vehicle(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Check an instrument's depths, or without dives its headings, against the vehicle's.
 
     Args:
@@ -77,9 +77,9 @@ def of_sensors(memory: Memory, pings: Rows, context: Context) -> Judged:
     """
     known = np.isfinite(pings["pressure_depth"]) | np.isfinite(pings["heading"])
     names = "time", "pressure_depth", "heading"
-    own, after = history(memory, pings.take(known), names, _SPACING, _MOST_OF_PINGS)
-    for event in own.due(_EVERY) if _EXPLAINED.isdisjoint(context.known) else ():
-        both = own.until(event, _MOST_OF_PINGS), context.vehicle.until(event, _MOST_OF_VEHICLE)
+    sampled, after = history(memory, pings.take(known), names, _SPACING, _MOST_OF_PINGS)
+    for event in sampled.due(_EVERY) if _EXPLAINED.isdisjoint(context.known) else ():
+        both = sampled.until(event, _MOST_OF_PINGS), context.vehicle.until(event, _MOST_OF_VEHICLE)
         found = (_depth_finding if _can_compare(*both) else _heading_finding)(*both)
         if found is not None:
             return after, [Found(event, found, _EXPLAINED)]
@@ -92,9 +92,9 @@ def _known_values(rows: Columns, name: str) -> tuple[Array, Array]:
     return rows["time"][known] * 1e-9, rows[name][known]
 
 
-def _can_compare(own: Columns, vehicle: Columns) -> bool:
+def _can_compare(sensor: Columns, vehicle: Columns) -> bool:
     """Return whether a log has both depths, one of which varies as in a dive."""
-    both = _known_values(own, "pressure_depth")[1], _known_values(vehicle, "depth")[1]
+    both = _known_values(sensor, "pressure_depth")[1], _known_values(vehicle, "depth")[1]
     return min(map(len, both)) >= _LEAST and bool(max(map(np.ptp, both)) >= _DIVES)
 
 
@@ -121,14 +121,15 @@ def _best_lag(
     return min(fits, key=lambda lag: (abs(lag), lag), default=math.nan)
 
 
-def _depth_finding(own: Rows, vehicle: Rows) -> Finding | None:
+def _depth_finding(sensor: Rows, vehicle: Rows) -> Finding | None:
     """Return the finding that a depth is stuck, or the instrument's are in another unit or late."""
-    (t, p), (times, depths) = _known_values(own, "pressure_depth"), _known_values(vehicle, "depth")
+    (t, p) = _known_values(sensor, "pressure_depth")
+    (times, depths) = _known_values(vehicle, "depth")
     time_ns = int(t[-1] * 1e9)
     reckoned = vehicle["dead_reckoned"][np.isfinite(vehicle["depth"])] & (times >= t[0])
     known = reckoned & (times <= t[-1])
     series = ((t, p), (times[known], depths[known]))
-    names = f"the depth of the pings of {own.topic}", "the depth of the vehicle"
+    names = f"the depth of the pings of {sensor.topic}", "the depth of the vehicle"
     for name, (at, values), (others_at, others) in zip(names, series, series[::-1], strict=True):
         begin = np.flatnonzero(np.abs(values - values[-1:]) > _STUCK).max(initial=-1) + 1
         if len(values) - begin < _LEAST:
@@ -169,14 +170,14 @@ def _depth_finding(own: Rows, vehicle: Rows) -> Finding | None:
     gain, left, scale, cause = best
     if abs(lag) >= least and _gain(none, late, floor) > gain:
         return _lag_finding(
-            f"{own.topic}: the depths of the pings", time_ns, lag, none, late, floor
+            f"{sensor.topic}: the depths of the pings", time_ns, lag, none, late, floor
         )
     if gain < LEAST_GAIN or none[0] < _RATIO * left:
         return None
     return Finding(
         DEPTHS,
         time_ns,
-        f"{own.topic}: the pings are {scale:.3g} times as deep as the vehicle ({none[1]:.0f} pings, likelihood ratio e^{gain:.0f})",
+        f"{sensor.topic}: the pings are {scale:.3g} times as deep as the vehicle ({none[1]:.0f} pings, likelihood ratio e^{gain:.0f})",
         cause,
         "correct the pressure of the pings, or the depth of the vehicle; profiles are placed by the pings' pressure",
     )
@@ -233,9 +234,9 @@ def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, f
     return float(slope @ left) / squares, max(_LEAST_LAG, _SIGMAS * error)
 
 
-def _heading_finding(own: Rows, vehicle: Rows) -> Finding | None:
+def _heading_finding(sensor: Rows, vehicle: Rows) -> Finding | None:
     """Return the finding of a late clock, if it explains the headings much better than none."""
-    t, degrees = _known_values(own, "heading")
+    t, degrees = _known_values(sensor, "heading")
     # a constant turn is free
     heading, course = np.exp(-1j * np.radians(degrees)), _course_of(vehicle)
 
@@ -246,22 +247,22 @@ def _heading_finding(own: Rows, vehicle: Rows) -> Finding | None:
     if not none[0] >= _RATIO * _HEADING_ERROR:
         return None
     lag = _best_lag(misfit, 0.5 * t.size, lambda least: least + 0.1 * _HEADING_ERROR)
-    what, time_ns = f"{own.topic}: the headings of the pings", int(t[-1] * 1e9)
+    what, time_ns = f"{sensor.topic}: the headings of the pings", int(t[-1] * 1e9)
     return _lag_finding(what, time_ns, lag, none, misfit(lag), _HEADING_ERROR)
 
 
-def least_lag(own: Memory, vehicle: Memory) -> float:
+def least_lag(sensor: Memory, vehicle: Memory) -> float:
     """Return the least detectable lag of an instrument's clock by depths or headings [s]; inf without any.
 
     Args:
-        own: Remembered depths and headings of the instrument.
+        sensor: Remembered depths and headings of the instrument.
         vehicle: Remembered depths and positions of the vehicle.
     """
     found = list[float]()
-    if _can_compare(own, vehicle):
-        depths = *_known_values(own, "pressure_depth"), *_known_values(vehicle, "depth")
+    if _can_compare(sensor, vehicle):
+        depths = *_known_values(sensor, "pressure_depth"), *_known_values(vehicle, "depth")
         found.append(_lag_step(*depths)[1])
-    (t, _), course = _known_values(own, "heading"), _course_of(vehicle)
+    (t, _), course = _known_values(sensor, "heading"), _course_of(vehicle)
     for lag in _ASKED.tolist():
         none = _turns(course(t), course(t - lag))
         if _gain(none, (0.0, none[1]), _HEADING_ERROR) >= LEAST_GAIN:

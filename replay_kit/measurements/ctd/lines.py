@@ -230,7 +230,7 @@ class SectionLine(NamedTuple):
         return sum((dive.profiles for dive in self.dives), ())
 
 
-def of_ctd(
+def ctd_shears(
     line: SectionLine, tables: Sequence[Table], surfacings: Integers, step: Step
 ) -> tuple[SectionLine, Found]:
     """Return the state after a block, and the completed shears.
@@ -247,13 +247,13 @@ def of_ctd(
     late = np.diff(time, prepend=time[:1]) > _LONGEST_NS
     starts = np.flatnonzero((np.diff(before, prepend=-1) > 0) | late)
     for part in np.split(np.arange(time.size), starts)[1:]:
-        own, due = chosen(samples, part), order[part[-1] + 1]
+        samples_of_part, due = chosen(samples, part), order[part[-1] + 1]
         surfaced = np.append(surfacings, NEVER)[before[part[0]]]
         if min(due, surfaced) == NEVER and not step.last:
-            line = line._replace(samples=own)
+            line = line._replace(samples=samples_of_part)
             break
         fix = as_of(surfaced, step.positions["order"]) if surfaced < due else -1
-        line = _after_dive(line, own, int(min(due, surfaced)), int(fix), step, found)
+        line = _after_dive(line, samples_of_part, int(min(due, surfaced)), int(fix), step, found)
     else:
         line = line._replace(samples=_NO_SAMPLES)
     return (_close_line(line, NEVER, step, found) if step.last and line.dives else line), found

@@ -99,10 +99,12 @@ def section_of(profiles: Sequence[Profile]) -> Section | None:
     """
     if len(profiles) < _LEAST_PROFILES:
         return None
-    means = np.array([[one.longitude.mean(), one.latitude.mean()] for one in profiles])
+    means = np.array([[profile.longitude.mean(), profile.latitude.mean()] for profile in profiles])
     longitude, latitude = means.mean(axis=0).tolist()
     projection = Projection(longitude, latitude)
-    local = [np.array(to_local(projection, one.longitude, one.latitude)) for one in profiles]
+    local = [
+        np.array(to_local(projection, profile.longitude, profile.latitude)) for profile in profiles
+    ]
     places = np.array([each.mean(axis=1) for each in local])
     way, net = np.hypot(*np.diff(places, axis=0).T).sum(), places[-1] - places[0]
     length = np.hypot(*net)
@@ -114,7 +116,7 @@ def section_of(profiles: Sequence[Profile]) -> Section | None:
     if levels.size < _LEAST_LEVELS or sum(kept) < _LEAST_PROFILES:
         return None
     offset, volume, absolute, conservative = values[kept].swapaxes(0, 1)
-    time_ns = np.array([int(one.time_ns.mean()) for one in profiles])[kept]
+    time_ns = np.array([int(profile.time_ns.mean()) for profile in profiles])[kept]
     middle_ns, along = int(time_ns.mean()), (places @ unit)[kept]
     pressure = gsw.p_from_z(-levels, latitude)
     n2, middle = gsw.Nsquared(
@@ -177,19 +179,19 @@ def _on_levels(profiles: Sequence[Profile], along: Sequence[Array]) -> tuple[Arr
         profiles: At least one profile.
         along: Positions of each profile's samples along the line [m].
     """
-    depths = np.concatenate([one.depth for one in profiles])
+    depths = np.concatenate([profile.depth for profile in profiles])
     first = np.ceil(np.nanmin(depths) / _SPACING) * _SPACING
     levels = np.arange(first, np.nanmax(depths) + 1e-9, _SPACING)
     found = np.full((len(profiles), 4, levels.size), np.nan)
-    for one, way, rows in zip(profiles, along, found, strict=True):
-        pressure = gsw.p_from_z(-one.depth, one.latitude)
-        salinity = gsw.SA_from_SP(one.salinity, pressure, one.longitude, one.latitude)
-        temperature = gsw.CT_from_t(salinity, one.temperature, pressure)
-        samples = np.array([one.depth, way - way.mean(), salinity, temperature])
+    for profile, way, rows in zip(profiles, along, found, strict=True):
+        pressure = gsw.p_from_z(-profile.depth, profile.latitude)
+        salinity = gsw.SA_from_SP(profile.salinity, pressure, profile.longitude, profile.latitude)
+        temperature = gsw.CT_from_t(salinity, profile.temperature, pressure)
+        samples = np.array([profile.depth, way - way.mean(), salinity, temperature])
         depth, *values = samples[:, np.isfinite(samples).all(axis=0)]
         if depth.size >= 2:
             rows[[0, 2, 3]] = at_levels(levels, depth, *values)
-            level_pressure = gsw.p_from_z(-levels, float(np.mean(one.latitude)))
+            level_pressure = gsw.p_from_z(-levels, float(np.mean(profile.latitude)))
             rows[1] = gsw.specvol(rows[2], rows[3], level_pressure)
     reached = np.isfinite(found[:, 1]).mean(axis=0) >= _REACHED
     return levels[reached], found[..., reached]

@@ -198,12 +198,12 @@ _KEPT = "attitude: kept for pings without their own"
 def attitudes_of(before: Columns, tables: Sequence[Table], step: Step) -> Rows:
     """Return the last earlier attitude and those of a block, and note the messages that state only attitudes."""
     parts = [before]
-    for one in tables:
-        if one.kind == "attitude":
-            step.note(one, _KEPT)
-        if one.kind == "attitude" or one.fixed.get("oriented"):
-            angles = frames.attitude_of(one["quaternion"], one["ned"].astype(bool))
-            parts.append({"time": one.time, "order": one.order, "values": angles})
+    for table in tables:
+        if table.kind == "attitude":
+            step.note(table, _KEPT)
+        if table.kind == "attitude" or table.fixed.get("oriented"):
+            angles = frames.attitude_of(table["quaternion"], table["ned"].astype(bool))
+            parts.append({"time": table.time, "order": table.order, "values": angles})
     return in_order(*parts)
 
 
@@ -219,11 +219,11 @@ def motions_of(
         step: Block.
     """
     parts, water = [before], list[Table]()
-    for one in tables:
-        values, why = velocity_of(one, attitudes, step.config)
-        one = step.kept(replace(one, columns={**one.columns, "values": values}), why)
-        bottom = one["bottom"].astype(bool)
-        ground, rest = one.rows(bottom), one.rows(~bottom)
+    for table in tables:
+        values, why = velocity_of(table, attitudes, step.config)
+        table = step.kept(replace(table, columns={**table.columns, "values": values}), why)
+        bottom = table["bottom"].astype(bool)
+        ground, rest = table.rows(bottom), table.rows(~bottom)
         step.note(ground)
         parts.append({"time": ground.time, "order": ground.order, "values": ground["values"]})
         if step.config.water_track_distance is not None:
@@ -232,10 +232,10 @@ def motions_of(
             words = "DVL water track does not state its layer depth; set measurements.water_track_distance"
             step.note(rest, words)
     motions, found = in_order(*parts), list[Table]()
-    for one in water:
-        known = np.isfinite(last_triple(motions, one, BOTTOM_AGE, BOTTOM_AGE)[:, 0])
+    for table in water:
+        known = np.isfinite(last_triple(motions, table, BOTTOM_AGE, BOTTOM_AGE)[:, 0])
         why = np.where(known, "", "DVL water track without a bottom track gives no current")
-        found += _pings(step.kept(one, why), step)
+        found += _pings(step.kept(table, why), step)
     return motions, found
 
 

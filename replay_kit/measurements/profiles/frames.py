@@ -27,9 +27,9 @@ def turned(velocity: Array, rotation: Array) -> Array:
         [
             sum(
                 (
-                    np.where(of, of * one, 0.0)
-                    for of, one in zip(row, each, strict=False)
-                    if of.any()
+                    np.where(factor, factor * one, 0.0)
+                    for factor, one in zip(row, each, strict=False)
+                    if factor.any()
                 ),
                 np.zeros(velocity.shape[:2]),
             )

@@ -73,31 +73,33 @@ def decided(
     Columns of decided pings: ``due``, position in the stream of the deciding message, and ``rank`` within it.
     """
     groups: dict[Any, list[Table]] = {}
-    for one in (*waiting, *arrivals):
-        if len(one):
-            groups.setdefault((one.fixed["layout"], one.topic, one.input), []).append(one)
+    for table in (*waiting, *arrivals):
+        if len(table):
+            groups.setdefault((table.fixed["layout"], table.topic, table.input), []).append(table)
     left, found = list[Table](), list[Table]()
     for parts in groups.values():
-        one = parts[0] if len(parts) == 1 else _joined(parts)
-        due, rank = _due(one, step)
+        table = parts[0] if len(parts) == 1 else _joined(parts)
+        due, rank = _due(table, step)
         waits = (due == NEVER) & (not step.last)
         if waits.all():
-            left.append(one)
+            left.append(table)
             continue
-        left.append(one.rows(waits))
-        found.append(replace(one, columns={**one.columns, "due": due, "rank": rank}).rows(~waits))
+        left.append(table.rows(waits))
+        found.append(
+            replace(table, columns={**table.columns, "due": due, "rank": rank}).rows(~waits)
+        )
     return tuple(left), found
 
 
 def _joined(parts: Sequence[Table]) -> Table:
     """Return joined tables of one layout and topic."""
-    one = parts[0]
+    first = parts[0]
     time, order, position = (
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("time", "order", "position")
     )
     columns = joined(*(part.columns for part in parts))
-    return replace(one, time=time, order=order, position=position, columns=columns)
+    return replace(first, time=time, order=order, position=position, columns=columns)
 
 
 def _due(ping: Table, step: Step) -> tuple[Integers, Integers]:
@@ -112,12 +114,12 @@ def _due(ping: Table, step: Step) -> tuple[Integers, Integers]:
     )
     due = np.append(orders, NEVER)[next_one]
     latest = np.append(positions["time"], LONG_AGO)[as_of(ping.order, positions["order"])]
-    own = np.isfinite(ping["place"][:, 0]) | ((until == ping.time) & (latest == ping.time))
+    placed = np.isfinite(ping["place"][:, 0]) | ((until == ping.time) & (latest == ping.time))
     orders, times = step.clock
     late = np.append(orders, NEVER)[np.searchsorted(times, ping["expires"], side="right")]
-    expired = ~own & (late <= due)
-    due = np.where(own, ping.order, np.minimum(due, late))
-    return due, np.where(own, OWN, np.where(expired, EXPIRED, RELEASED))
+    expired = ~placed & (late <= due)
+    due = np.where(placed, ping.order, np.minimum(due, late))
+    return due, np.where(placed, OWN, np.where(expired, EXPIRED, RELEASED))
 
 
 def profiled(ping: Table, step: Step) -> list[Profiles]:
@@ -175,13 +177,15 @@ def _profile(ping: Table, step: Step) -> Profiles:
     error = columns["error_std"]
     columns["error_std"] = np.where(np.isfinite(error), error, config.velocity_std)
     tests, flags, reasons = tested({**fixed, **columns}, config)
-    own = fixed["correlation_depth"]
+    correlation_depth = fixed["correlation_depth"]
     stated = np.isfinite(columns["pressure"])
     of_all = {
         "input": ping.input,
         "topic": step.topic(ping.topic),
         "bins": depth.shape[1],
-        "correlation_depth": own if own >= 0.0 else config.correlation_depth,
+        "correlation_depth": correlation_depth
+        if correlation_depth >= 0.0
+        else config.correlation_depth,
         "up": up,
         "components": columns["raw"].shape[2],
         "along_beams": fixed["frame"] == "beam",
@@ -231,17 +235,18 @@ def stacked(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
     if not parts:
         return {}, ()
     columns = {
-        name: padded([one[name] for one, _ in parts], MISSING.get(name, 0)) for name in parts[0][0]
+        name: padded([bin_test[name] for bin_test, _ in parts], MISSING.get(name, 0))
+        for name in parts[0][0]
     }
     at = np.lexsort([columns[name] for name in ("order", "time", "rank", "due")])
     found = []
-    for one in {test.name: test for _, tests in parts for test in tests}.values():
+    for bin_test in {test.name: test for _, tests in parts for test in tests}.values():
         flags, words = [], []
         for rows, tests in parts:
-            own = [test for test in tests if test.name == one.name]
+            same_test = [test for test in tests if test.name == bin_test.name]
             blank = np.full(rows["flags"].shape, np.int8(Flag.NOT_EVALUATED))
-            flags.append(own[0].flags if own else blank)
-            words.append(own[0].why_not if own else np.full(len(blank), None))
+            flags.append(same_test[0].flags if same_test else blank)
+            words.append(same_test[0].why_not if same_test else np.full(len(blank), None))
         both = {"flags": padded(flags, Flag.NOT_EVALUATED), "why_not": np.concatenate(words)}
-        found.append(BinTest(one.name, one.reason, **chosen(both, at)))
+        found.append(BinTest(bin_test.name, bin_test.reason, **chosen(both, at)))
     return chosen(columns, at), tuple(found)

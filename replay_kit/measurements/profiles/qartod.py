@@ -249,15 +249,15 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
     # the windows that there are, and that of each bin; of a shorter profile all
     width = min(window, m)
     around = [each[:, k : k + m - width + 1] for k in range(width)]
-    own = np.clip(np.arange(m) - window // 2, 0, m - width)
+    window_of = np.clip(np.arange(m) - window // 2, 0, m - width)
     count = np.sum([np.isfinite(one[0]) for one in around], axis=0)
     middle = _median(around, count)
-    spread = _median([np.abs(one - middle) for one in around], count)[:, own]
-    apart = np.abs(each - middle[:, own])
+    spread = _median([np.abs(one - middle) for one in around], count)[:, window_of]
+    apart = np.abs(each - middle[:, window_of])
     # the few bins of a window often lie close together by chance: what is usual in the profile counts too
     usual = _median(apart.swapaxes(0, 1), n_finite)[:, None]
     scale = np.maximum(_MAD * np.maximum(spread, usual), np.moveaxis(floor, -1, 0))
-    known = finite & (count[own] >= _FEWEST) & (n_finite >= _FEWEST)
+    known = finite & (count[window_of] >= _FEWEST) & (n_finite >= _FEWEST)
     return np.moveaxis(np.where(known, np.maximum(*apart / scale), np.nan), 0, -1)
 
 

@@ -61,7 +61,7 @@ def _part(vectors: Vectors, at: Mask) -> Vectors:
     return {name: values[at] if np.ndim(values) else values for name, values in vectors.items()}
 
 
-def of_others(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step) -> Found:
+def other_measurements(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step) -> Found:
     """Return the measurements of radars, drifters and sensors of other packages.
 
     Args:
@@ -69,20 +69,20 @@ def of_others(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step)
         tables: Tables of their messages.
         step: Block.
     """
-    found, of = (
-        Found(),
-        {
-            "radar": _radar_measurements,
-            "drifter": _drifter_measurement,
-            "sensor": _sensor_measurement,
-        },
-    )
-    for one, source in step.messages(tables):
-        label = Label(int(step.dived(one.order)["dive"][0]), source)
-        made, reason = of[one.kind](chosen(one.columns, 0), label, step.config, fixes)
+    found = Found()
+    measured_by = {
+        "radar": _radar_measurements,
+        "drifter": _drifter_measurement,
+        "sensor": _sensor_measurement,
+    }
+    for message, source in step.messages(tables):
+        label = Label(int(step.dived(message.order)["dive"][0]), source)
+        made, reason = measured_by[message.kind](
+            chosen(message.columns, 0), label, step.config, fixes
+        )
         reason = step.left_out(made[0].label.kind, label.dive) if made else reason
-        step.note(one, reason)
-        found += [(int(one.order[0]), each) for each in made if not reason]
+        step.note(message, reason)
+        found += [(int(message.order[0]), each) for each in made if not reason]
     return found
 
 
@@ -117,9 +117,9 @@ def _sensor_measurement(
 ) -> tuple[Linear, str]:
     """Return the measurement of another package's sensor at the time of its message."""
     stated = _with_places(row["measurement"])
-    own = replace(stated.label, dive=label.dive, source=label.source)
-    own = replace(own, kind=own.kind or "sensors")
-    return [replace(stated, time_ns=label.source.time_ns, label=own)], ""
+    stated_label = replace(stated.label, dive=label.dive, source=label.source)
+    stated_label = replace(stated_label, kind=stated_label.kind or "sensors")
+    return [replace(stated, time_ns=label.source.time_ns, label=stated_label)], ""
 
 
 def _drifter_measurement(
@@ -203,8 +203,8 @@ def _averaged(currents: Vectors, label: Label, spacing: float, common: float) ->
     weights = np.zeros((size.size, quarter.max() + 1))
     np.add.at(weights, (number, quarter), 1.0 / size[number])
 
-    def mean(values: Array, of: Indices = number) -> Array:
-        return np.bincount(of, values) / np.bincount(of)
+    def mean(values: Array, boxes: Indices = number) -> Array:
+        return np.bincount(boxes, values) / np.bincount(boxes)
 
     def apart(x: Array, y: Array) -> Array:
         return np.hypot(x[:, None] - x, y[:, None] - y)
@@ -213,8 +213,8 @@ def _averaged(currents: Vectors, label: Label, spacing: float, common: float) ->
     std = np.empty(size.size)
     for box, count in enumerate(size):
         at = number == box
-        own = currents["error_std"][at]
-        std[box] = np.sqrt(own @ np.exp(-apart(x[at], y[at]) / length) @ own) / count
+        error_std = currents["error_std"][at]
+        std[box] = np.sqrt(error_std @ np.exp(-apart(x[at], y[at]) / length) @ error_std) / count
     std = np.maximum(std, _LEAST_ERROR)
     if currents["direction"] is not None:
         angle = np.deg2rad(currents["direction"])

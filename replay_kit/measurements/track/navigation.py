@@ -44,37 +44,39 @@ class Frames(NamedTuple):
     origins: Mapping[str, Array] = _NOTHING
 
 
-def of_sender(sender: Sender, tables: Sequence[Table], step: Step) -> tuple[Sender, list[Table]]:
+def from_sender(sender: Sender, tables: Sequence[Table], step: Step) -> tuple[Sender, list[Table]]:
     """Return the used MAVLink sender, the first with a position of those requested, and tables without other senders."""
     candidates = (
-        (one.order[0], own)
-        for one in tables
-        if (own := one.fixed.get("sender"))
-        and one.kind in ("position", "pose")
-        and not _other(own, sender)
+        (table.order[0], stated)
+        for table in tables
+        if (stated := table.fixed.get("sender"))
+        and table.kind in ("position", "pose")
+        and not _other(stated, sender)
     )
     # rows before the first position are taken as those of the sender
     since, first = next(candidates, (NEVER, sender)) if None in sender else (-1, sender)
     kept = []
-    for one in tables:
-        own = one.fixed.get("sender", first)
-        asked = _other(own, sender)
-        one = step.kept(one, np.where(one.order > since, asked or _other(own, first), asked))
-        if len(one):
-            kept.append(one)
+    for table in tables:
+        stated = table.fixed.get("sender", first)
+        asked = _other(stated, sender)
+        table = step.kept(
+            table, np.where(table.order > since, asked or _other(stated, first), asked)
+        )
+        if len(table):
+            kept.append(table)
     return first, kept
 
 
-def _other(own: Sender, used: Sender) -> str:
+def _other(found: Sender, used: Sender) -> str:
     """Return why messages of a sender are excluded; empty if they are not."""
-    for what, number, counted in zip(("system", "component"), own, used, strict=True):
+    for what, number, counted in zip(("system", "component"), found, used, strict=True):
         if counted not in (None, number):
             return f"MAVLink {what} {number}, but {what} {counted} is used; choose with {what} in [logs]"
     return ""
 
 
 def located(
-    frames: Frames, of: Mapping[str, list[Table]], step: Step
+    frames: Frames, by_kind: Mapping[str, list[Table]], step: Step
 ) -> tuple[Frames, Rows, list[Depth]]:
     """Return the state and the positions of a block in order, and note its messages.
 
@@ -82,31 +84,35 @@ def located(
 
     Args:
         frames: State before the block.
-        of: Tables by kind: positions, poses, origins and GPS states.
+        by_kind: Tables by kind: positions, poses, origins and GPS states.
         step: Block.
     """
-    stated = _system_statements(frames.stated, [*of["gps"], *of["origin"], *of["position"]], step)
-    direct = in_order(no_rows(), *(_geographic(one, stated, step) for one in of["position"]))
+    stated = _system_statements(
+        frames.stated, [*by_kind["gps"], *by_kind["origin"], *by_kind["position"]], step
+    )
+    direct = in_order(
+        no_rows(), *(_geographic(table, stated, step) for table in by_kind["position"])
+    )
     known = in_order(frames.place, direct)
     fixes = direct["order"][~direct["dead_reckoned"]]
     origins = {} if fixes.size else dict(frames.origins)
     made, depths, runs = [direct], list[Depth](), list[tuple[int, int, Table]]()
-    for one in of["pose"]:
-        since = stated.get(("position", one.fixed["system"]), (np.array([NEVER]),))[0]
-        one = step.kept(one, np.where(one.order > since.min(), NAVIGATED, ""))
-        run = np.searchsorted(fixes, one.order)
+    for table in by_kind["pose"]:
+        since = stated.get(("position", table.fixed["system"]), (np.array([NEVER]),))[0]
+        table = step.kept(table, np.where(table.order > since.min(), NAVIGATED, ""))
+        run = np.searchsorted(fixes, table.order)
         # between fixes, in the order of their first ones: a topic goes on from where another has got to
-        each = ((number, one.rows(run == number)) for number in np.unique(run).tolist())
+        each = ((number, table.rows(run == number)) for number in np.unique(run).tolist())
         runs += [(int(rows.order[0]), number, rows) for number, rows in each]
-    for _, number, one in sorted(runs, key=lambda run: run[0]):
-        begun = None if number else frames.origins.get(one.topic)
-        origin = _origins(one, begun, known, stated, step)
-        rows, lacks = _pose_positions(one, origin, step)
+    for _, number, table in sorted(runs, key=lambda run: run[0]):
+        begun = None if number else frames.origins.get(table.topic)
+        origin = _origins(table, begun, known, stated, step)
+        rows, lacks = _pose_positions(table, origin, step)
         made.append(rows)
         known = in_order(known, rows)
-        depths.append((one.order[lacks], one["depth"][lacks], True))
+        depths.append((table.order[lacks], table["depth"][lacks], True))
         if number == fixes.size and not lacks[-1]:
-            origins[one.topic] = origin[-1]
+            origins[table.topic] = origin[-1]
     positions = in_order(*made)
     last = {key: values[-1] for key, (_, values) in stated.items()}
     after = Frames(last, chosen(known, slice(-1, None)), origins)

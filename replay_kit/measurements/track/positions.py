@@ -141,21 +141,21 @@ def vessel_velocity(time: Integers, fixes: Columns, upto: Indices) -> Array:
     # pings with as many fixes around them are one array
     count = end[at] - begin[at]
     for number in np.unique(count):
-        own = at[count == number]
-        rows = begin[own, None] + np.arange(number)
-        since = (when[rows] - time[own, None]) * 1e-9
+        alike = at[count == number]
+        rows = begin[alike, None] + np.arange(number)
+        since = (when[rows] - time[alike, None]) * 1e-9
         centre = np.take_along_axis(rows, np.abs(since).argmin(axis=1)[:, None], axis=1)
         centre = np.repeat(centre, number, axis=1)
         # about the nearest fix the local axes are true east and north
         each = (fixes[name][k.ravel()] for k in (centre, rows) for name in list(_BESIDE)[1:])
-        place = np.stack(offset(*each), axis=-1).reshape(own.size, number, 2)
+        place = np.stack(offset(*each), axis=-1).reshape(alike.size, number, 2)
         since = since - _sum(since)[:, None] / number
         spread = _sum(since**2)
         slope = _sum(since[..., None] * place) / spread[:, None]
         residual = place - (_sum(place) / number)[:, None] - since[..., None] * slope[:, None]
         scatter = np.sqrt(_sum(residual**2).sum(axis=1) / (2 * (number - 2)))
         error = np.maximum(scatter, _FIX_ERROR) / np.sqrt(spread)
-        found[own] = np.column_stack([slope, error])
+        found[alike] = np.column_stack([slope, error])
     return found
 
 

@@ -95,10 +95,10 @@ class Reach(NamedTuple):
 
     def doubts(self, fix: tuple[int, float, float], at: int) -> bool:
         """Return whether a fix, time [ns], longitude and latitude [degrees], is excluded at a position in the stream."""
-        of, (time_ns, longitude, latitude) = self.doubted, fix
-        same = np.abs(of["time"] - time_ns) <= _SAME_TIME
-        same &= np.hypot(of["longitude"] - longitude, of["latitude"] - latitude) <= _STEP
-        return bool((same & (of["order"] <= at) & (at < of["until"])).any())
+        doubted, (time_ns, longitude, latitude) = self.doubted, fix
+        same = np.abs(doubted["time"] - time_ns) <= _SAME_TIME
+        same &= np.hypot(doubted["longitude"] - longitude, doubted["latitude"] - latitude) <= _STEP
+        return bool((same & (doubted["order"] <= at) & (at < doubted["until"])).any())
 
     @property
     def fastest(self) -> float:
@@ -118,18 +118,18 @@ class Reach(NamedTuple):
     def on(self, here: Place) -> "Reach":
         """Return the state after a position; another log, the past or a pause do not change the speeds."""
         last, speeds, gaps = self.last, self.speeds, self.gaps
-        own, number = None if here.reckoned else here, self.number + 1
+        fix, number = None if here.reckoned else here, self.number + 1
         if last is None or last.log != here.log:
-            return Reach(here, own, number=1)
+            return Reach(here, fix, number=1)
         seconds = last.seconds(here)
         if seconds > _LONGEST:
-            return self._replace(last=here, fix=own, number=number)
+            return self._replace(last=here, fix=fix, number=number)
         if seconds >= 60.0:
             speeds = (*speeds, last.way(here) / seconds)[-_REMEMBERED:]
         if last.reckoned and not here.reckoned:
             gaps = (*gaps, max(last.way(here) - self.fastest * seconds, 0.0))[-_REMEMBERED:]
         return self._replace(
-            last=here, fix=own or self.fix, speeds=speeds, gaps=gaps, number=number
+            last=here, fix=fix or self.fix, speeds=speeds, gaps=gaps, number=number
         )
 
 

@@ -135,9 +135,13 @@ def _messages(table: str) -> Iterator[tuple[str, tuple[Field, ...]]]:
         fields = list[Field]()
         for kind, *names in map(str.split, lines):
             scalar, _, repeated = kind.partition("[")
-            own = f".{_PACKAGE}.{scalar}" if scalar.istitle() else scalar.replace("time", TIME)
+            field_type = (
+                f".{_PACKAGE}.{scalar}" if scalar.istitle() else scalar.replace("time", TIME)
+            )
             pairs = (one.partition("=") for one in names)
-            fields += (Field(one, own, bool(repeated), path or one) for one, _, path in pairs)
+            fields += (
+                Field(one, field_type, bool(repeated), path or one) for one, _, path in pairs
+            )
         yield name, tuple(fields)
 
 
@@ -160,14 +164,12 @@ def _field(number: int, field: Field, as_bytes: bool) -> FieldDescriptorProto:
 
 def _files(as_bytes: bool) -> tuple[FileDescriptorProto, FileDescriptorProto]:
     """Return the descriptor files of the messages: times, and our own."""
-    times, file = (
-        FileDescriptorProto.FromString(timestamp_pb2.DESCRIPTOR.serialized_pb),
-        FileDescriptorProto(
-            name="replay_kit/results.proto",
-            package=_PACKAGE,
-            syntax="proto3",
-            dependency=[timestamp_pb2.DESCRIPTOR.name],
-        ),
+    times = FileDescriptorProto.FromString(timestamp_pb2.DESCRIPTOR.serialized_pb)
+    file = FileDescriptorProto(
+        name="replay_kit/results.proto",
+        package=_PACKAGE,
+        syntax="proto3",
+        dependency=[timestamp_pb2.DESCRIPTOR.name],
     )
     for name, fields in MESSAGES.items():
         numbered = [_field(number, field, as_bytes) for number, field in enumerate(fields, start=1)]

@@ -76,7 +76,7 @@ class ResultWriter(ResultFile):
     _vehicle = ""
 
     @contextmanager
-    def of(self, vehicle: str) -> Iterator[None]:
+    def for_vehicle(self, vehicle: str) -> Iterator[None]:
         """Write the values in the block under the topics and names of one of several vehicles; the estimate is common to all.
 
         Args:
@@ -306,9 +306,9 @@ class ResultWriter(ResultFile):
         """Write a message of our table from the attributes of a value and further fields; positions and times are converted."""
         kinds, held = {TIME: _stamp, ".replay_kit.Place": _place}, dict[str, Any]()
         for field in MESSAGES[name]:
-            of = more[field.name] if field.name in more else attrgetter(field.path)(value)
+            content = more[field.name] if field.name in more else attrgetter(field.path)(value)
             made = field.type in kinds and not field.repeated
-            held[field.name] = kinds[field.type](of) if made else of
+            held[field.name] = kinds[field.type](content) if made else content
         self._write_own(topic, name, encode(name, held), time_ns)
 
     def _write_own(self, topic: str, name: str, data: bytes, time_ns: int) -> None:

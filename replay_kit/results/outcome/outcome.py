@@ -212,7 +212,7 @@ def _with_codes(outcome: Outcome) -> Outcome:
     """Return an outcome with exit codes: 4 for lost bytes, frames or late messages, 6 for findings."""
     each = (outcome, *outcome.vehicles.values())
     lost = outcome.losses or outcome.late or outcome.unused
-    found = any(one["severity"] != "warning" for of in each for one in of.consistency)
+    found = any(one["severity"] != "warning" for vehicle in each for one in vehicle.consistency)
     return replace(outcome, exit_codes=(4,) * bool(lost) + (6,) * found)
 
 

@@ -70,7 +70,7 @@ def decide(outcome: "Outcome") -> Verdict:
     error, found, plan = outcome.error, outcome.consistency, outcome.plan
     against = (
         (error, bool(error)),
-        *((one["name"], one["severity"] != "warning" and not error) for one in found),
+        *((finding["name"], finding["severity"] != "warning" and not error) for finding in found),
         ("no observation was used", not outcome.observations["used"] and not error),
     )
     doubtful = (
@@ -78,19 +78,19 @@ def decide(outcome: "Outcome") -> Verdict:
         (outcome.lost_pings, bool(outcome.lost_pings)),
         ("the requested risk cannot be met", 7 in outcome.exit_codes),
         (errors_text(outcome), doubtful_errors(outcome)),
-        *((one["name"], one["severity"] == "warning") for one in found),
+        *((finding["name"], finding["severity"] == "warning") for finding in found),
         *((text, True) for text in outcome.outside),
         (_plan_reason(plan), bool(_plan_reason(plan))),
     )
     worst, others = ([text for text, holds in each if holds] for each in (against, doubtful))
     word: Word = "do not use" if worst else "with care" if others else "trust"
     named = dict[str, list[str]]()
-    for name, one in outcome.vehicles.items():
-        for reason in one.verdict.reasons:
+    for name, vehicle in outcome.vehicles.items():
+        for reason in vehicle.verdict.reasons:
             named.setdefault(reason, []).append(name)
-    own = (f"{', '.join(names)}: {reason}" for reason, names in named.items())
-    words = (word, *(one.verdict.word for one in outcome.vehicles.values()))
-    reasons = tuple(dict.fromkeys((*worst, *others, *own)))
+    of_vehicles = (f"{', '.join(names)}: {reason}" for reason, names in named.items())
+    words = (word, *(vehicle.verdict.word for vehicle in outcome.vehicles.values()))
+    reasons = tuple(dict.fromkeys((*worst, *others, *of_vehicles)))
     return Verdict(max(words, key=get_args(Word).index), reasons)
 
 

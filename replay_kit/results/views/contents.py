@@ -62,7 +62,7 @@ class Contents:
         found = {name: Contents(one) for name, one in vehicles.items()}
         return found or {"": self}
 
-    def of(self, vehicle: str | None) -> "Contents":
+    def for_vehicle(self, vehicle: str | None) -> "Contents":
         """Return the contents of a vehicle by name; None for a single one.
 
         Raises:

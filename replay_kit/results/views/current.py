@@ -72,12 +72,12 @@ def published_slices(
         nonlocal axes
         for level, depth in enumerate(depths):
             for time_ns, value in reader.decoded(names[depth]):
-                *own, found = grid_cells(value)
-                axes = axes or (own[0], own[1])
+                *centres, found = grid_cells(value)
+                axes = axes or (centres[0], centres[1])
                 # equal to the rounding of a message
                 if all(
                     a.size == b.size and np.allclose(a, b, 1e-9, 1e-3)
-                    for a, b in zip(own, axes, strict=True)
+                    for a, b in zip(centres, axes, strict=True)
                 ):
                     yield level, time_ns, found
 
@@ -204,8 +204,8 @@ def published_at(slices: CurrentSlices, projection: Projection, place: At) -> tu
         y, x = (hats(np.atleast_1d(each), axis)[0] for each, axis in zip(at, axes, strict=True))
         near = np.ix_(y > 0.0, x > 0.0)
         between = np.einsum("tkji,j,i->tk", fields[:, :, *near], y[y > 0.0], x[x > 0.0])
-        own = fields[..., *map(np.argmin, off)]
-        values = np.where(np.isfinite(between), between, own)
+        nearest = fields[..., *map(np.argmin, off)]
+        values = np.where(np.isfinite(between), between, nearest)
     u, v, *errors = values.T
     true = rotate_to_geographic(projection, *place[:2], u, v)
     return float(slices.depths[level]), np.column_stack([*true, *errors])

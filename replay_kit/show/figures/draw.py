@@ -429,7 +429,10 @@ def _slim(svg: str, key: str) -> str:
     body = svg[svg.index(">", svg.index("<svg")) + 1 :]
     body = re.sub(r"<metadata>.*?</metadata>|<style .*?</style>|<!--.*?-->", "", body, flags=re.S)
     body = re.sub(r'<g id="[^"]*"', "<g", body)
-    ids = {own: f"{key}-{count}" for count, own in enumerate(re.findall(r'id="([^"]*)"', body))}
+    ids = {
+        identifier: f"{key}-{count}"
+        for count, identifier in enumerate(re.findall(r'id="([^"]*)"', body))
+    }
     body = re.sub(r'(id="|#)([\w-]+)(?=["\)])', lambda at: at[1] + ids.get(at[2], at[2]), body)
     for pattern, new in _SHORTER:
         body = re.sub(pattern, new, body)

@@ -182,8 +182,8 @@ def _looks(table: str) -> dict[str, dict[str, Any]]:
         look, _, name = row.partition(":")
         role, kind, symbol, *more = look.split()
         color, shape = SYMBOLS.get(symbol, (symbol, ""))
-        own: Any = {"points": {"symbol": shape}, "ring": {"width": 1.2}}.get(kind, {})
-        found[role] = {"kind": kind, "name": name, "color": color, **own}
+        of_kind: Any = {"points": {"symbol": shape}, "ring": {"width": 1.2}}.get(kind, {})
+        found[role] = {"kind": kind, "name": name, "color": color, **of_kind}
         for key, _, value in (each.partition("=") for each in more):
             found[role][key] = float(value) if "." in value else value or True
     return found

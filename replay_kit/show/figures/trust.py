@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from replay_kit.core.arrays import Array
-from replay_kit.results.innovations import Measured, of_dives, thinned
+from replay_kit.results.innovations import Measured, rows_of_dives, thinned
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import CurrentSlices, error_through_time
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
@@ -76,9 +76,9 @@ def _innovations(measured: Measured) -> Figure:
     for number, (topic, rows) in enumerate(each.groupby("source_topic", sort=False)):
         for name, marks in panels.items():
             for decision, color in _DECISIONS.items():
-                own = rows[rows["decision"] == decision]
-                if len(own):
-                    at = own["time"].to_numpy(), own[name].to_numpy(), f"{topic}, {decision}"
+                some = rows[rows["decision"] == decision]
+                if len(some):
+                    at = some["time"].to_numpy(), some[name].to_numpy(), f"{topic}, {decision}"
                     marks.append(Mark("points", *at, color, _SYMBOLS[number % 4], size=5.0))
     for number, (topic, rows) in enumerate(each.groupby("source_topic", sort=False)):
         at = rows["time"].to_numpy(), rows["expected"].to_numpy(), f"{topic}, expected RMS"
@@ -139,7 +139,7 @@ def _calibration(values: Array, measured: Measured) -> Figure:
     one, two = (100.0 * np.mean(np.abs(values) <= limit) for limit in (1.0, 2.0))
     mean, std = fixed(float(values.mean()), 2, True), f"{values.std():.2f}"
     drawn, count = len(measured.observations), measured.count
-    of = f" of {drawn:,} of {count:,} measurements, evenly spread" if drawn < count else ""
+    part = f" of {drawn:,} of {count:,} measurements, evenly spread" if drawn < count else ""
     axis = Axis("innovation / its standard deviation", ends=(-4.0, 4.0))
     note = f"mean {mean}\nstd {std}\n{one:.0f} % within 1 (68 %)\n{two:.0f} % within 2 (95 %)"
     title = "innovations over their standard deviation"
@@ -147,7 +147,7 @@ def _calibration(values: Array, measured: Measured) -> Figure:
         "calibration",
         "Innovations against their stated errors",
         [Panel(title, axis, Axis("density", from_zero=True), marks, note=note)],
-        f"{values.size:,} components of the bins used{of}: mean {mean} (expected 0), standard deviation "
+        f"{values.size:,} components of used bins{part}: mean {mean} (expected 0), standard deviation "
         f"{std} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias.",
         "Histogram of the standardised innovations with the standard normal curve.",
     )
@@ -183,7 +183,7 @@ def _dives(measured: Measured, dives: Sequence[Mapping[str, Any]]) -> Figure:
         Mark("joined", number, prior, "prior forecast", "two", dash="dash"),
     ]
     axis = Axis("dive", ends=(number[0] - 0.8, number[-1] + 0.8))
-    known = of_dives(measured.sums).groupby("dive")["signal_dof"].sum()
+    known = rows_of_dives(measured.sums).groupby("dive")["signal_dof"].sum()
     values = known.reindex(number, fill_value=0.0).to_numpy()
     bars = Mark("bars", number, values, "independent values determined", "three")
     return Figure(

@@ -62,9 +62,9 @@ def map_of(contents: Contents) -> Map | None:
 def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[str, Any]]:
     """Return features for the page's script: positions [km], look, texts beside the pointer, and times [ms since 1970]."""
     marks = []
-    for one in features:
-        about = one["properties"]
-        role, at = about["role"], places_of(one["geometry"])
+    for item in features:
+        about = item["properties"]
+        role, at = about["role"], places_of(item["geometry"])
         east, north = (np.round(axis / 1e3, 3).tolist() for axis in to_local(projection, *at.T))
         made = [about["time"]] * len(at) if "time" in about else about.get("coordTimes", [])
         said = [] if role in _SILENT else _said(about, len(at))

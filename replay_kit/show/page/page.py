@@ -185,10 +185,10 @@ def figure_html(figure: Figure | Map, data: list[dict[str, Any]]) -> str:
     panels, held["panels"] = [], []
     for panel, (svg, said) in zip(figure.panels, panels_svg(figure), strict=True):
         held["panels"].append(said)
-        own = (
+        head = (
             "" if panel.title.lower() == figure.title.lower() else f"<h4>{escape(panel.title)}</h4>"
         )
-        panels.append(f'<div class="panel">{own}{svg}{legend(panel)}</div>')
+        panels.append(f'<div class="panel">{head}{svg}{legend(panel)}</div>')
     return f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3>{plot}{"".join(panels)}</div>{about}</figure>'
 
 

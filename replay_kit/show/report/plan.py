@@ -125,7 +125,7 @@ odds of arriving: {reached:share}
 def _row(columns: Mapping[str, str], record: Mapping[str, Any], at: str = "") -> list[str]:
     """Return the cells of a row; with the path of its record in the outcome, numbers keep their fields."""
     each = [sentence(form, record, at) for form in columns.values()]
-    return [one.html if at else escape(str(one)) for one in each]
+    return [cell.html if at else escape(str(cell)) for cell in each]
 
 
 def _plans_html(contents: Contents) -> str:

@@ -44,11 +44,11 @@ def _reasons(held: Held, before: Plan, now: Plan, current: Values | None) -> Ite
     if (moved := float(distance(*goals[0], *goals[1]))) > 1.0:
         yield f"the goal moved {moved / 1e3:.1f} km"
     since = before.start_time_ns
-    outcomes = [one for one in held.outcomes if one.timestamp.ToNanoseconds() >= since]
+    outcomes = [outcome for outcome in held.outcomes if outcome.timestamp.ToNanoseconds() >= since]
     if outcomes:
-        one = outcomes[-1]
-        when = f"{abs(one.delay) / 60.0:.0f} min {'late' if one.delay >= 0.0 else 'early'}"
-        yield f"it surfaced {one.distance / 1e3:.1f} km from the plan toward {one.direction_deg:.0f}°, {when}"
+        last = outcomes[-1]
+        when = f"{abs(last.delay) / 60.0:.0f} min {'late' if last.delay >= 0.0 else 'early'}"
+        yield f"it surfaced {last.distance / 1e3:.1f} km from the plan toward {last.direction_deg:.0f}°, {when}"
     if current is None or current["since"] < time_text(since):
         return
     off, expected = current["difference_m_s"], current["predicted_difference_m_s"]
@@ -87,11 +87,11 @@ def alarms_of(held: Held, answers: Mapping[str, Values]) -> tuple[Alarm, ...]:
 
 
 def _overdue(surfacing: Values) -> Alarm | None:
-    for one in filter(None, (surfacing.get("next"), surfacing.get("other"))):
-        if late := one.get("overdue_s"):
-            due = time_text(parse_time(one["time"]) + int(1e9 * one["margin_s"]))
-            text = f"surfacing {hours_text(late)} late (due {clock(one['time'])} UTC): call it"
-            return Alarm("surfacing overdue", text, due, one["time"])
+    for each in filter(None, (surfacing.get("next"), surfacing.get("other"))):
+        if late := each.get("overdue_s"):
+            due = time_text(parse_time(each["time"]) + int(1e9 * each["margin_s"]))
+            text = f"surfacing {hours_text(late)} late (due {clock(each['time'])} UTC): call it"
+            return Alarm("surfacing overdue", text, due, each["time"])
     return None
 
 
@@ -100,18 +100,20 @@ def _outside(held: Held) -> Alarm | None:
     found = (held.outcome.predicted_surfacings if held.outcome else None) or {}
     last = found["each"][-1] if found.get("each") else None
     if held.outcomes and (last is None or (found.get("record") or {}).get("shown") != "habit"):
-        one, of = held.outcomes[-1], "the plan"
-        inside, size, since = one.inside_ellipse, one.ellipse_major, one.timestamp.ToNanoseconds()
-        far, toward = one.distance, one.direction_deg
+        last_one, expected = held.outcomes[-1], "the plan"
+        inside = last_one.inside_ellipse
+        size = last_one.ellipse_major
+        since = last_one.timestamp.ToNanoseconds()
+        far, toward = last_one.distance, last_one.direction_deg
     elif last is not None:
-        of, inside, size = "the prediction", last["inside_90"], last["ellipse_90"]["major_m"]
+        expected, inside, size = "the prediction", last["inside_90"], last["ellipse_90"]["major_m"]
         far, toward, since = last["distance_m"], last["direction_deg"], int(last["time_ns"])
     else:
         return None
     if inside or not math.isfinite(size):
         return None
     text = (
-        f"surfaced {far / 1e3:.1f} km from {of} toward {toward:.0f}°, outside its 90 % ellipse "
+        f"surfaced {far / 1e3:.1f} km from {expected} toward {toward:.0f}°, outside its 90 % ellipse "
         f"({size / 1e3:.1f} km): plan again from here"
     )
     return Alarm("outside its ellipse", text, time_text(since), str(since))

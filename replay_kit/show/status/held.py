@@ -147,9 +147,9 @@ def _last_dive(reader: ResultReader) -> Columns | None:
             continue
         dive = (kept[0] if kept else block)["dive"][-1]
         # those after the last row of another dive
-        own = np.logical_and.accumulate(block["dive"][::-1] == dive)[::-1]
-        kept.insert(0, picked(block, own))
-        if not own.all() or (not dive and sum(one["dive"].size for one in kept) >= _OUTCOMES):
+        of_dive = np.logical_and.accumulate(block["dive"][::-1] == dive)[::-1]
+        kept.insert(0, picked(block, of_dive))
+        if not of_dive.all() or (not dive and sum(one["dive"].size for one in kept) >= _OUTCOMES):
             break
     if not kept:
         return None

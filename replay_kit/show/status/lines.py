@@ -177,13 +177,13 @@ def _arrival(values: Values, room: int) -> _Said:
 
 
 def _surfacing(values: Values, room: int) -> _Said:
-    one, other = values.get("next"), values.get("other")
+    due, other = values.get("next"), values.get("other")
     form = "{} {{place}}[ ± {{major_m:km}}] {}".format
-    if one is not None:
-        late = "OVERDUE " if one.get("overdue_s") else ""
-        yield "Next", form(f"{late}{{time:clock}} UTC", BASIS[one["basis"]]), one, "next."
-    if one is not None and other is not None:
-        at = clock(other["time"], one["time"])
+    if due is not None:
+        late = "OVERDUE " if due.get("overdue_s") else ""
+        yield "Next", form(f"{late}{{time:clock}} UTC", BASIS[due["basis"]]), due, "next."
+    if due is not None and other is not None:
+        at = clock(other["time"], due["time"])
         yield "  or", form(at, BASIS[other["basis"]]), other, "other."
 
 
@@ -198,18 +198,18 @@ def _goal(values: Values, room: int) -> _Said:
 def _current(values: Values, room: int) -> _Said:
     name = "corrected" if "corrected" in values else "measured"
     dive = f"dive {values['dive']}" if values["dive"] else "last"
-    if (one := values.get(name)) is not None:
+    if (flow := values.get(name)) is not None:
         about = f"{' corrected' * (name == 'corrected')}{', rejected' * values['rejected']}"
-        form = f"{dive}: {_velocity(one)}{about}[, {{difference_m_s:cm/s}} from the estimate]"
+        form = f"{dive}: {_velocity(flow)}{about}[, {{difference_m_s:cm/s}} from the estimate]"
         yield "Current", form, values, ""
     elif values["difference_m_s"] is not None:
         form = f"{dive}: profiles {{difference_m_s:cm/s}} cm/s from the estimate"
         yield "Current", form, values, ""
 
 
-def _velocity(one: Mapping[str, float]) -> str:
+def _velocity(current: Mapping[str, float]) -> str:
     """Return speed and direction of a velocity."""
-    speed, toward = course(one)
+    speed, toward = course(current)
     return f"{100.0 * speed:.1f} cm/s to {round(toward) % 360:03d}°"
 
 
@@ -290,10 +290,10 @@ def _reckoned(values: Values) -> Iterator[str]:
 
 def _rates(values: Values) -> Iterator[str]:
     yield str(sentence("goal {place}, {depth_m:g} m", values))
-    for one in values["made_good"]:
+    for rate in values["made_good"]:
         # over a long time the fixes' errors are far below the digit that is shown
-        form = f"{{km_a_day:+.1f}} ± {max(one['error'], 0.01):.1g} km a day over {{days:days}}"
-        yield str(sentence(form, one))
+        form = f"{{km_a_day:+.1f}} ± {max(rate['error'], 0.01):.1g} km a day over {{days:days}}"
+        yield str(sentence(form, rate))
 
 
 def _compared(values: Values) -> Iterator[str]:
@@ -301,29 +301,29 @@ def _compared(values: Values) -> Iterator[str]:
         form = "difference from the estimate expected: {predicted_difference_m_s:cm/s} cm/s a component"
         yield str(sentence(form, values))
     for name in ("measured", "corrected", "predicted"):
-        if one := values.get(name):
-            error = {"error": one["standard_error"] or None}
-            yield str(sentence(f"{name} {_velocity(one)}[ ± {{error:cm/s}} cm/s]", error))
+        if flow := values.get(name):
+            error = {"error": flow["standard_error"] or None}
+            yield str(sentence(f"{name} {_velocity(flow)}[ ± {{error:cm/s}} cm/s]", error))
 
 
 def _expected(values: Values) -> Iterator[str]:
-    for one in filter(None, (values.get("next"), values.get("other"))):
+    for due in filter(None, (values.get("next"), values.get("other"))):
         ellipse = "; no ellipse without samples of the estimate (planner.samples)"
-        if one["major_m"] is not None:
-            axes = " x ".join(f"{one[f'{name}_m'] / 1e3:.2f}" for name in ("major", "minor"))
-            ellipse = f"; 90 % ellipse {axes} km along {one['bearing_deg']:.0f}°"
-        yield f"{BASIS[one['basis']]}: {clock(one['time'])} UTC{ellipse}"
-        if one.get("overdue_s"):
-            yield str(sentence("OVERDUE by {overdue_s:span}", one))
-        elif "margin_s" in one:
-            yield str(sentence("overdue {margin_s:span} after that", one))
-        if "why" in one:
-            yield one["why"]
-    if one := values.get("last"):
+        if due["major_m"] is not None:
+            axes = " x ".join(f"{due[f'{name}_m'] / 1e3:.2f}" for name in ("major", "minor"))
+            ellipse = f"; 90 % ellipse {axes} km along {due['bearing_deg']:.0f}°"
+        yield f"{BASIS[due['basis']]}: {clock(due['time'])} UTC{ellipse}"
+        if due.get("overdue_s"):
+            yield str(sentence("OVERDUE by {overdue_s:span}", due))
+        elif "margin_s" in due:
+            yield str(sentence("overdue {margin_s:span} after that", due))
+        if "why" in due:
+            yield due["why"]
+    if last := values.get("last"):
         side = {True: ", inside its ellipse", False: ", outside its ellipse", None: ""}
-        late = f"{'late' if one['delay_s'] >= 0.0 else 'early'}{side[one['inside']]}"
+        late = f"{'late' if last['delay_s'] >= 0.0 else 'early'}{side[last['inside']]}"
         form = f"surfaced {{distance_m:far}} km from the plan toward {{direction_deg:.0f}}°, {{delay_s:span}} {late}"
-        yield str(sentence(form, one))
+        yield str(sentence(form, last))
 
 
 def _planned(values: Values) -> Iterator[str]:
@@ -348,8 +348,10 @@ def _ages(values: Values) -> Iterator[str]:
 
 def detail_lines(status: Status) -> Iterator[str]:
     """Yield ``details`` as lines for a terminal."""
-    for one in details(status):
-        for text, label in zip(one.texts, (one.label, *[""] * len(one.texts)), strict=False):
+    for detail in details(status):
+        for text, label in zip(
+            detail.texts, (detail.label, *[""] * len(detail.texts)), strict=False
+        ):
             yield from textwrap.wrap(
                 printable(text),
                 WIDTH,
@@ -411,7 +413,7 @@ def several_page(
 
 def _brief(status: Status) -> str:
     rows = (
-        f"<dt>{escape(one.label)}</dt><dd>{one.said.html}</dd>" for one in lines(status, 10_000)
+        f"<dt>{escape(line.label)}</dt><dd>{line.said.html}</dd>" for line in lines(status, 10_000)
     )
     return f"<dl>{''.join(rows)}</dl>"
 
@@ -441,10 +443,10 @@ def _filled(name: str, statuses: Mapping[str, Status], body: str, refresh_s: int
     return page
 
 
-def _detail_html(one: Detail) -> str:
-    first, *more = one.texts
+def _detail_html(detail: Detail) -> str:
+    first, *more = detail.texts
     rest = "".join(f"<p>{escape(text)}</p>" for text in more)
     return (
-        f'<section id="{one.key}"><h2>{escape(one.label)}<span class="age">{escape(one.since)}</span></h2>'
+        f'<section id="{detail.key}"><h2>{escape(detail.label)}<span class="age">{escape(detail.since)}</span></h2>'
         f'<p class="first">{escape(first)}</p>{rest}</section>'
     )

@@ -21,10 +21,8 @@ from replay_kit.show.status.held import Fix, Held, Values
 
 _SECOND, _DAY_NS = 1_000_000_000, 86_400 * 10**9
 _ENDS = ("east", "north")
-_PLACE, _ELLIPSE = (
-    "longitude latitude",
-    "major_m=ellipse_major_m minor_m=ellipse_minor_m bearing_deg=ellipse_bearing_deg",
-)
+_PLACE = "longitude latitude"
+_ELLIPSE = "major_m=ellipse_major_m minor_m=ellipse_minor_m bearing_deg=ellipse_bearing_deg"
 _FIGURES = (
     "duration_s=duration closest_approach_m=closest_approach energy_j=energy battery_j=battery"
 )
@@ -175,9 +173,9 @@ def _surfacing(held: Held, now_ns: int) -> Values:
         count = (found.get("record") or {}).get("count", 0)
         why = _why_first(first["basis"], bool(other), count, bool(held.plans))
         values |= {"next": first | {"why": why}, "other": other or None}
-    for one in held.outcomes[-1:]:
-        inside = bool(one.inside_ellipse) if math.isfinite(one.ellipse_major) else None
-        about = attributes(one, "distance_m=distance direction_deg delay_s=delay")
+    for outcome in held.outcomes[-1:]:
+        inside = bool(outcome.inside_ellipse) if math.isfinite(outcome.ellipse_major) else None
+        about = attributes(outcome, "distance_m=distance direction_deg delay_s=delay")
         values["last"] = about | {"inside": inside}
     if found:
         values["predicted"] = attributes(found, "inside_50 inside_90 count")

@@ -140,14 +140,14 @@ def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Esti
     Raises:
         ConfigError: The name is unknown.
     """
-    own: dict[str, Any] = {"preset": "default" if name == "default" else "paper"}
+    changes: dict[str, Any] = {"preset": "default" if name == "default" else "paper"}
     if name == "paper_cells":
-        own["length_horizontal"] = LENGTH_IN_CELLS * _cell(ensemble.grid)
+        changes["length_horizontal"] = LENGTH_IN_CELLS * _cell(ensemble.grid)
     if name not in ("default", "paper", "paper_cells"):
         # the naive basis takes its error model from the preset, and the paper's is the one it was compared under
-        return build_named(ensemble, config.model_copy(update=own | {"name": name}))
+        return build_named(ensemble, config.model_copy(update=changes | {"name": name}))
     gating = GatingConfig() if name == "default" else None
-    return build([ensemble], config.model_copy(update=own), gating)
+    return build([ensemble], config.model_copy(update=changes), gating)
 
 
 def span_of(estimator: Estimator[Any], at: ScoredPoints) -> tuple[int | None, int | None, float]:
@@ -205,8 +205,8 @@ def run(case: Case, survey: Survey, rung: Rung, config: EstimatorConfig, keep: b
             bound = rmse(flow)
             errors = [bound] * len(survey.counts)
         else:
-            own = {"modes": rung.modes, "paper_error_std": survey.paper_error_std}
-            estimator = build_method(rung.method, case.ensemble, config.model_copy(update=own))
+            changes = {"modes": rung.modes, "paper_error_std": survey.paper_error_std}
+            estimator = build_method(rung.method, case.ensemble, config.model_copy(update=changes))
             modes, elements, bound = span_of(estimator, at)
             state = estimator.initial()
             for count in survey.counts:

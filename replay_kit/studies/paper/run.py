@@ -205,10 +205,10 @@ def run_paper(
 
     def calls() -> Iterator[tuple[object, ...]]:
         for member in members:
-            of = case_of(member)
-            for survey in _surveys(of.truth, config, job):
+            studied = case_of(member)
+            for survey in _surveys(studied.truth, config, job):
                 keep = member == shown and survey.counts == job.pings
-                yield from ((of, survey, row, config, keep) for row in rows)
+                yield from ((studied, survey, row, config, keep) for row in rows)
 
     step = counted("tables", 2 * len(members) * len(rows))
     runs = each_call(run, calls())
@@ -216,7 +216,7 @@ def run_paper(
     flows["depth_averaged_truth"] = average_over_depth(truth_flow, tables.target_depth)
     ideal, noisy, planned = list[Run](), list[Run](), list[Run]()
     for number, member in enumerate(members, start=1):
-        first, second = (_of_ranks(islice(runs, len(rows)), step) for _ in "12")
+        first, second = (_distinct_ranks(islice(runs, len(rows)), step) for _ in "12")
         few = _planned_on(second, job.plan_modes)
         if member == shown:
             flows |= {one.rung.method: one.flow for one in few}
@@ -252,7 +252,7 @@ def _surveys(truth: Ensemble, config: EstimatorConfig, job: PaperJob) -> tuple[S
     )
 
 
-def _of_ranks(runs: Iterable[Run], step: Callable[[], None]) -> list[Run]:
+def _distinct_ranks(runs: Iterable[Run], step: Callable[[], None]) -> list[Run]:
     """Return the runs of a table without those that repeat a method's full rank; report a step after each."""
     kept, ranks = list[Run](), dict[str, int]()
     for one in runs:

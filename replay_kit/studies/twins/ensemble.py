@@ -69,8 +69,8 @@ def synthesize(seed: int = 0, n_members: int = 40) -> tuple[xr.Dataset, xr.Datas
     members = []
     for _ in range(n_members + 1):
         centre = rng.uniform(-1.0, 1.0, (_OWN_EDDIES, 2))
-        own = _draw_eddies(centre, 0.16 * rng.choice([-1.0, 1.0], _OWN_EDDIES), rng)
-        groups = _perturbed(eddies, _EDDIES, rng), own
+        eddies_of_member = _draw_eddies(centre, 0.16 * rng.choice([-1.0, 1.0], _OWN_EDDIES), rng)
+        groups = _perturbed(eddies, _EDDIES, rng), eddies_of_member
         local = velocity(groups, _perturbed(jet, _JET, rng), *place)
         members.append(rotate_to_geographic(CENTRE, longitude, latitude, *local))
     values = np.array(members)
@@ -163,11 +163,11 @@ def _perturbed(
     common: Parameters, changes: Iterable[tuple[float, bool]], rng: np.random.Generator
 ) -> Parameters:
     """Return a member's own parameters."""
-    own = []
+    values = []
     for value, (std, is_factor) in zip(common, changes, strict=True):
         drawn = rng.normal(0.0, std, np.shape(value))
-        own.append(value * np.exp(drawn) if is_factor else value + drawn)
-    return own
+        values.append(value * np.exp(drawn) if is_factor else value + drawn)
+    return values
 
 
 def _dataset(values: Array, seed: int, what: str) -> xr.Dataset:

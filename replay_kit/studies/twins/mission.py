@@ -126,7 +126,7 @@ def dives(field: Field, pings: int, rng: np.random.Generator) -> Mission:
     down, adrift = np.linspace(0.0, bottom, half + 1), np.zeros(_SURFACE_STEPS)
     dive_and_drift = [down, down[-2:0:-1], adrift]
     depth = np.concatenate([adrift, *dive_and_drift * begins.size, [0.0]])
-    flown, own = _flown(field, depth, begins, int(rng.integers(len(_COURSE))))
+    flown, through_water = _flown(field, depth, begins, int(rng.integers(len(_COURSE))))
     fixes = np.concatenate([[0, _SURFACE_STEPS], begins, ends, ends + _SURFACE_STEPS])
     rows = np.union1d(fixes, pinged)
     place = np.column_stack([flown, depth])[rows]
@@ -135,12 +135,14 @@ def dives(field: Field, pings: int, rng: np.random.Generator) -> Mission:
         stated[:, axis] = np.interp(rows, rows[~submerged], place[~submerged, axis])
     logged = as_logged(field, stated)
     between = np.searchsorted(rows, np.column_stack([begins, ends]))
-    current = (flown[ends] - flown[begins]) / (2 * half * _STEP_S) - own[begins]
+    current = (flown[ends] - flown[begins]) / (2 * half * _STEP_S) - through_water[begins]
     where = logged[between[:, 0], :2].T
     true = rotate_to_geographic(field.grid.projection, *where, *current.T)
-    moving, sinks = own[rows].any(axis=1), np.diff(depth, prepend=0.0)[rows] >= 0.0
+    moving, sinks = through_water[rows].any(axis=1), np.diff(depth, prepend=0.0)[rows] >= 0.0
     exact = to_geographic(field.grid.projection, *flown[rows].T)
-    bearing = np.arctan2(*own[rows].T) - grid_bearing_of_true_north(field.grid.projection, *exact)
+    bearing = np.arctan2(*through_water[rows].T) - grid_bearing_of_true_north(
+        field.grid.projection, *exact
+    )
     return Mission(
         field.time_ns + rows * (_STEP_S * 10**9),
         place,
@@ -164,24 +166,24 @@ def _flown(field: Field, depth: Array, begins: Indices, corner: int) -> tuple[Ar
         corner: Number of the corner at which the course begins.
     """
     along = GLIDER_SPEED * np.cos(np.deg2rad(GLIDE_ANGLE_DEG))
-    flown, own = np.zeros((2, depth.size, 2))
+    flown, through_water = np.zeros((2, depth.size, 2))
     flown[0], target, ahead = _corner(field, corner), corner + 1, np.zeros(2)
     for k, (upper, lower) in enumerate(pairwise(depth.tolist())):
         here = flown[k]
         if k in begins:
             aim, target = _aim(field, here, target)
             ahead = along * ((aim - here) / np.hypot(*(aim - here)))
-        own[k] = ahead if upper or lower else 0.0
-        middle = here + 0.5 * _STEP_S * (own[k] + field.velocity(here[0], here[1], upper))
+        through_water[k] = ahead if upper or lower else 0.0
+        middle = here + 0.5 * _STEP_S * (through_water[k] + field.velocity(here[0], here[1], upper))
         halfway = field.velocity(middle[0], middle[1], 0.5 * (upper + lower))
-        flown[k + 1] = here + _STEP_S * (own[k] + halfway)
+        flown[k + 1] = here + _STEP_S * (through_water[k] + halfway)
         if not np.isfinite(halfway).all():
             longitude, latitude = to_geographic(field.grid.projection, *here)
             raise ForecastError(
                 f"the current carried the glider out of the truth's water at {longitude:.3f} E, {latitude:.3f} N, {lower:.0f} m; "
                 "use another seed, a shorter mission or a larger region"
             )
-    return flown, own
+    return flown, through_water
 
 
 def _corner(field: Field, number: int) -> Array:

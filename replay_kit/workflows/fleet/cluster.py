@@ -116,16 +116,16 @@ def _processes(count: int) -> Iterator[Callable[..., Future[Any]]]:
 
     A thread waits for each process, so that the death of one concerns its own call alone.
     """
-    own, ended, before = local(), Event(), set(active_children())
+    of_thread, ended, before = local(), Event(), set(active_children())
 
     def called(function: Callable[..., Any], *arguments: Any, repeat: bool = True) -> Any:
         """Return the result of a call by the process of this thread; one that dies is replaced, and its call repeated once."""
-        if not hasattr(own, "process"):
-            own.process = ProcessPoolExecutor(1, get_context("spawn"), _begin)
+        if not hasattr(of_thread, "process"):
+            of_thread.process = ProcessPoolExecutor(1, get_context("spawn"), _begin)
         try:
-            return own.process.submit(_alone, function, *arguments).result()
+            return of_thread.process.submit(_alone, function, *arguments).result()
         except BrokenProcessPool:
-            del own.process
+            del of_thread.process
             if ended.is_set() or not repeat:
                 raise
             return called(function, *arguments, repeat=False)
@@ -285,11 +285,11 @@ def _lacking(
 
 def _is_shared(token: Path) -> bool:
     """Return whether a file of the client is seen here and its folder can be written."""
-    own = token.with_name(f"{token.name}-{uuid.uuid4().hex}")
+    probe = token.with_name(f"{token.name}-{uuid.uuid4().hex}")
     try:
         # permissions do not show what a mounted disk allows
-        own.touch()
-        own.unlink()
+        probe.touch()
+        probe.unlink()
     except OSError:
         return False
     return token.exists()

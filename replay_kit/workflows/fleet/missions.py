@@ -65,7 +65,7 @@ class FleetTable(Section):
     mission: tuple[MissionEntry, ...] = Field(min_length=1, description="The missions.")
 
     @model_validator(mode="after")
-    def _of_logs(self) -> Self:
+    def _checked_logs(self) -> Self:
         for number, entry in enumerate(self.mission, start=1):
             if sum(given is not None for given in (entry.logs, entry.vehicles, entry.each)) != 1:
                 raise ValueError(f"mission {number}: expected one of logs, vehicles and each")

@@ -34,11 +34,11 @@ from replay_kit.workflows.follow.watch import (
     look_again,
     new_alarms,
     notify,
-    of_vehicle,
     read_goal,
     read_memory,
     standing,
     with_goal,
+    with_vehicle_name,
     write_memory,
 )
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, build
@@ -165,9 +165,9 @@ class Follower:
     def _look_at_files(self) -> bool:
         """Examine changed files, and return whether the set of used files changed."""
         job, options, known = self._job, self._options, self._memory.sources
-        own = (options.report, options.goal_file, job.netcdf, job.save_estimate)
+        written = (options.report, options.goal_file, job.netcdf, job.save_estimate)
         ours = [self.out, options.states, options.status, *ensemble_files(job.ensemble)]
-        looked = partial(look, job.logs, [*ours, *filter(None, own)])
+        looked = partial(look, job.logs, [*ours, *filter(None, written)])
         about = self._config.logs, self._clock, options.interval_s, self._vehicle_of
         sources, said, changed = look_again(looked, known, *about)
         for text in said:
@@ -244,11 +244,11 @@ class Follower:
 
     def _run(self, used: tuple[Path, ...]) -> Outcome:
         """Replay files, and read the status of the result."""
-        of, goals = {path: self._vehicle_of(path) for path in used}, self._memory.goals
+        vehicle_of, goals = {path: self._vehicle_of(path) for path in used}, self._memory.goals
         vehicles = tuple(
-            replace(one, logs=tuple(path for path in used if of[path] == one.name))
+            replace(one, logs=tuple(path for path in used if vehicle_of[path] == one.name))
             for one in self._job.vehicles
-            if one.name in of.values()
+            if one.name in vehicle_of.values()
         )
         goal = goals[0][1] if goals else None
         job = replace(self._job, logs=used, vehicles=vehicles, goal=goal, overwrite=True)
@@ -322,7 +322,7 @@ class Follower:
         self._remember(given=standing(statuses, self._memory.given))
         for name, status in statuses.items():
             for alarm in new_alarms(status, self._memory.given, name):
-                self._tell(f"ALARM: {of_vehicle(name, alarm.kind)}: {alarm.text}")
+                self._tell(f"ALARM: {with_vehicle_name(name, alarm.kind)}: {alarm.text}")
                 line = alarm_line(alarm, status, name)
                 if options.command and (failure := notify(options.command, line)):
                     self._tell(failure)

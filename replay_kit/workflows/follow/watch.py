@@ -135,14 +135,14 @@ class Clock:
 # ---- files
 
 
-def look(paths: Iterable[Path], own: Iterable[Path]) -> dict[Path, Stamp]:
+def look(paths: Iterable[Path], outputs: Iterable[Path]) -> dict[Path, Stamp]:
     """Return the present files, also those in folders, with a stamp of each.
 
     Args:
         paths: Followed files and folders.
-        own: Other inputs and outputs of the run, which are not logs.
+        outputs: Other inputs and outputs of the run, which are not logs.
     """
-    written, found = {path.resolve() for path in own}, list[Path]()
+    written, found = {path.resolve() for path in outputs}, list[Path]()
     for path in paths:
         held = [path]
         if path.is_dir():
@@ -193,8 +193,8 @@ def look_again(
         if before is not None and before.stamp == stamp and not (lost and before.aside):
             continue
         vehicle = vehicle_of(path)
-        own = {other: one for other, one in sources.items() if vehicle_of(other) == vehicle}
-        found = judged(own, examine(path, stamp, config), clock.now_ns())
+        of_vehicle = {other: one for other, one in sources.items() if vehicle_of(other) == vehicle}
+        found = judged(of_vehicle, examine(path, stamp, config), clock.now_ns())
         if words := change_words(before, found):
             said.append(f"{path.name} {words}")
             changed |= not found.aside or (before is not None and not before.aside)
@@ -335,14 +335,14 @@ def with_goal(goals: Goals, goal: Place, since_ns: int) -> Goals:
 # ---- alarms
 
 
-def of_vehicle(name: str, text: str) -> str:
+def with_vehicle_name(name: str, text: str) -> str:
     """Return a text preceded by the vehicle's name; unchanged for a single vehicle."""
     return f"{name}: {text}" if name else text
 
 
 def key_of(alarm: Alarm, name: str = "") -> str:
     """Return the key of an alarm, which is given once per plan, surfacing, finding or forecast concerned."""
-    return of_vehicle(name, f"{alarm.kind}: {alarm.about}")
+    return with_vehicle_name(name, f"{alarm.kind}: {alarm.about}")
 
 
 def new_alarms(status: Status, given: Sequence[str], name: str = "") -> tuple[Alarm, ...]:
@@ -353,15 +353,17 @@ def new_alarms(status: Status, given: Sequence[str], name: str = "") -> tuple[Al
 def standing(statuses: Mapping[str, Status], given: Sequence[str]) -> tuple[str, ...]:
     """Return the given alarms that persist, so that a recurring one is given again; alarms of surfacings only once."""
     now = {key_of(alarm, name) for name, status in statuses.items() for alarm in status.alarms}
-    once = tuple(of_vehicle(name, kind) for name in statuses for kind in ("surfacing", "outside"))
+    once = tuple(
+        with_vehicle_name(name, kind) for name in statuses for kind in ("surfacing", "outside")
+    )
     return tuple(key for key in given if key in now or key.startswith(once))
 
 
 def alarm_line(alarm: Alarm, status: Status, name: str = "") -> str:
     """Return an alarm as a JSON line, with the position, the heading to steer, and the name of one of several vehicles."""
-    shown, of = ("result", "now", "position", "command"), {"vehicle": name} if name else {}
+    shown, vehicle = ("result", "now", "position", "command"), {"vehicle": name} if name else {}
     figures: dict[str, Any] = {key: status.figures[key] for key in shown if key in status.figures}
-    return json.dumps({**of, **alarm.record(), **figures}, allow_nan=False) + "\n"
+    return json.dumps({**vehicle, **alarm.record(), **figures}, allow_nan=False) + "\n"
 
 
 def notify(command: str, line: str) -> str:

@@ -104,7 +104,8 @@ def check_quality(
         "logs": [log.path for log in reports],
         "settings": config.measurements.model_dump(mode="json", exclude={"map"}),
         "topics": [
-            _topic_json(name, of, config.measurements) for name, of in sorted(topics.items())
+            _topic_json(name, tested, config.measurements)
+            for name, tested in sorted(topics.items())
         ],
         "not_used": {topic: coded(reasons) for topic, reasons in by_topic(counts).items()},
         "late": late,

@@ -259,13 +259,13 @@ class Held:
         if not any(map(is_forecast, each)):
             return as_groups(ensemble, "ensemble")
         groups: list[tuple[Path, ...]] = []
-        for k, one in enumerate(each):
-            if not is_forecast(one):
-                groups.append(as_paths(one, "ensemble"))
+        for k, forecast in enumerate(each):
+            if not is_forecast(forecast):
+                groups.append(as_paths(forecast, "ensemble"))
                 continue
             name = f"ensemble[{k}]" if several else "ensemble"
             path = self.path(f".{name.replace('[', '.').rstrip(']')}.nc", name)
-            write_forecast(path, one, name)
+            write_forecast(path, forecast, name)
             groups.append((path,))
         return tuple(groups)
 
@@ -292,10 +292,10 @@ def _vehicles(logs: Mapping[str, Any], goal: Any, held: Held) -> tuple[Vehicle, 
     return tuple(
         Vehicle(
             str(name),
-            held.log_paths(own, str(name)),
+            held.log_paths(of_vehicle, str(name)),
             None if goals.get(name) is None else place_of(goals[name], f"goal of {name}"),
         )
-        for name, own in logs.items()
+        for name, of_vehicle in logs.items()
     )
 
 

@@ -97,13 +97,13 @@ class Live:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Contradictions found so far."""
-        return self._run.of[0].monitoring.findings
+        return self._run.vehicles[0].monitoring.findings
 
     @property
     def position(self) -> VehicleState | None:
         """Last position of the vehicle; None before the first."""
         with self._threads.limit(limits=self._run.config.output.threads):
-            return self._run.finished().of[0].counts.last_position
+            return self._run.finished().vehicles[0].counts.last_position
 
     def plan(self, goal: At, *, start: At | None = None) -> Plan:
         """Return the best plan to a goal on the present estimate, as a replay of these messages ends with.
@@ -126,7 +126,7 @@ class Live:
             run = self._run.finished()
             estimate = run.flow_now()
             # the last dive has ended
-            known = forecast_end(run.of[0].forecasts)
+            known = forecast_end(run.vehicles[0].forecasts)
             query = PlanQuery(
                 place_of(start, "start"), place_of(goal, "goal"), estimate.time_ns or 0
             )

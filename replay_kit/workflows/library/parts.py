@@ -219,7 +219,7 @@ def write_observed(path: Path, value: Any, name: str, columns: Asked) -> None:
     """
     held: list[Stated] = []
     for each in value if isinstance(value, list | tuple) else [value]:
-        held += _of_table(each, name, columns) if is_table(each) else [each]
+        held += _table_profiles(each, name, columns) if is_table(each) else [each]
     for each in held:
         if not isinstance(each, Stated):
             raise ConfigError(
@@ -233,7 +233,7 @@ def write_observed(path: Path, value: Any, name: str, columns: Asked) -> None:
     write_mcap_log(path, (_message(each, k) for k, each in enumerate(held)))
 
 
-def _of_table(value: Any, name: str, columns: Asked) -> list[Observation]:
+def _table_profiles(value: Any, name: str, columns: Asked) -> list[Observation]:
     """Return the profiles of a table; assumptions about it are warnings. Units may be in brackets, as in a file."""
     notes: list[str] = []
     stored, names = {}, {}
@@ -241,7 +241,7 @@ def _of_table(value: Any, name: str, columns: Asked) -> list[Observation]:
         short, unit = name_and_unit(str(key))
         names[key] = short = str(key) if short in held else short
         stored[short] = Stored(v.values, {"units": unit, **v.attrs}, tuple(map(str, v.dims)))
-    asked = {key: names.get(own, own) for key, own in columns.items()}
+    asked = {key: names.get(column_name, column_name) for key, column_name in columns.items()}
     found, left_out = profiles_in_memory(name, stored, asked, notes)
     if left_out:
         notes.append(f"{left_out} rows without a time or a place excluded")

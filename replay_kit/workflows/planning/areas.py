@@ -47,7 +47,7 @@ def read_areas(path: Path) -> tuple[NoGo, ...]:
     try:
         with open_input(path) as file:
             features = enumerate(_features_of(file.read(_MOST_BYTES // 2 + 1)), 1)
-        return tuple(one for number, each in features for one in _of_feature(each, number))
+        return tuple(one for number, each in features for one in _feature_areas(each, number))
     except OSError as error:
         raise PlanError(f"{path}: cannot read the no-go areas: {error.strerror}") from error
     except _NoAreaError as error:
@@ -90,7 +90,7 @@ def _overlaps(corners: Array, grid: Grid) -> bool:
         return False
     longitude = unwrap_longitude(corners[:, 0], float(grid.longitude.mean()))
     places = (longitude, grid.longitude), (corners[:, 1], grid.latitude)
-    return all(own.min() <= theirs.max() and own.max() >= theirs.min() for own, theirs in places)
+    return all(ours.min() <= theirs.max() and ours.max() >= theirs.min() for ours, theirs in places)
 
 
 def _features_of(content: bytes) -> list[Any]:
@@ -100,7 +100,7 @@ def _features_of(content: bytes) -> list[Any]:
     if 2 * len(content) + claimed > _MOST_BYTES:
         raise _NoAreaError("more than about 400,000 corners")
     if head.startswith(b"<") and b"<kml" in head.lower():
-        if not (found := list(_of_kml(content))):
+        if not (found := list(_kml_features(content))):
             raise _NoAreaError("KML without polygons or lines")
         return found
     try:
@@ -121,7 +121,7 @@ def _features_of(content: bytes) -> list[Any]:
     return features
 
 
-def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
+def _kml_features(content: bytes) -> Iterator[Mapping[str, Any]]:
     """Yield the placemarks of KML with polygons or lines."""
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise _NoAreaError("KML with a document type, which may expand without end")
@@ -164,7 +164,7 @@ def _kind(value: Any) -> str:
     return kind[:50] if isinstance(kind, str) else "an object without a type"
 
 
-def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[NoGo]:
+def _feature_areas(feature: Mapping[str, Any], number: int) -> Iterator[NoGo]:
     """Yield the areas of a feature."""
     properties = feature.get("properties") or {}
     if not isinstance(properties, Mapping):

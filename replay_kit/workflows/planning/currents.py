@@ -96,10 +96,12 @@ class KnownCurrent:
             self.check_time("--start-time", asked_ns)
             return asked_ns, ()
         fix_ns = self.fixes.get(vehicle, max(self.fixes.values(), default=None))
-        of, known = ("last fix", fix_ns) if fix_ns is not None else ("estimate", self.first.time_ns)
+        what, known = (
+            ("last fix", fix_ns) if fix_ns is not None else ("estimate", self.first.time_ns)
+        )
         if known is None:
             return 0, ()
-        told = f"it begins at {time_text(known)}, the time of the {of}; --start-time sets another"
+        told = f"it begins at {time_text(known)}, the time of the {what}; --start-time sets another"
         return known, (told,)
 
     def flow(self, begin_ns: int, seconds: float) -> Flow:
@@ -236,14 +238,14 @@ class KnownCurrent:
         """Return notes on the parts of a mission [ns, UTC] outside the known times; empty if a forecast covers it."""
         last = self.ends_ns
         if last is None:
-            return (self._of_one_time(),)
+            return (self._one_time_note(),)
         if (over := (end_ns - max(last, begin_ns)) / 3.6e12) <= 0.0:
             return ()
         return (
             f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held constant",
         )
 
-    def _of_one_time(self) -> str:
+    def _one_time_note(self) -> str:
         hours = self.hours_known
         when = (
             "a time that is not stated"

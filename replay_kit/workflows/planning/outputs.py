@@ -70,13 +70,13 @@ def plans_json(made: Together) -> dict[str, Any]:
     """Return plans for JSON: a single one with the planners' figures, ``samples`` and ``waypoints``, null if absent."""
     each = {
         name: {
-            **to_json(one.plan, one.odds),
-            "samples": _samples_json(one),
-            "waypoints": None if one.waypoints is None else waypoint_json(one.waypoints),
-            "notes": list(one.notes),
-            "departures": departures_table(one),
+            **to_json(planned.plan, planned.odds),
+            "samples": _samples_json(planned),
+            "waypoints": None if planned.waypoints is None else waypoint_json(planned.waypoints),
+            "notes": list(planned.notes),
+            "departures": departures_table(planned),
         }
-        for name, one in made.planned.items()
+        for name, planned in made.planned.items()
     }
     if not made.goals:
         return each[""]
@@ -177,7 +177,7 @@ def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
     """
     rows: list[dict[str, Any]] = [
         {
-            "departure": time_text((plan := one.plan).start_time_ns),
+            "departure": time_text((plan := departure.plan).start_time_ns),
             "status": plan.status,
             "arrival": time_text(plan.start_time_ns + round(plan.duration * 1e9))
             if plan.status in ("reached", "uncertain")
@@ -186,10 +186,10 @@ def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
             "energy_j": plan.energy,
             "legs": len(plan.headings_deg),
             "miss_m": float(plan.closest_approach[-1]),
-            "reached": None if one.odds is None else one.odds.reached,
+            "reached": None if departure.odds is None else departure.odds.reached,
             "best": ["planned"] * (plan.start_time_ns == planned.plan.start_time_ns),
         }
-        for one in planned.departures
+        for departure in planned.departures
     ]
     arriving = [row for row in rows if row["arrival"]]
     if arriving:
@@ -229,11 +229,11 @@ def _print_together(made: Together, console: Console) -> None:
         (
             name,
             f"goal {made.goals[name]}",
-            one.plan.status,
-            f"{one.plan.duration / 3600.0:.1f}",
-            "-" if one.odds is None else f"{100.0 * one.odds.reached:.0f} %",
+            planned.plan.status,
+            f"{planned.plan.duration / 3600.0:.1f}",
+            "-" if planned.odds is None else f"{100.0 * planned.odds.reached:.0f} %",
         )
-        for name, one in made.planned.items()
+        for name, planned in made.planned.items()
     ]
     print_table(console, "Gliders", columns, rows)
     for name, goal in made.goals.items():

@@ -80,8 +80,8 @@ def completed(request: PlanRequest) -> tuple[PlanRequest, dict[Path, FlowFile]]:
         name: f"{one.fix.longitude},{one.fix.latitude},0" for name, one in used.items() if one.fix
     }
     if len(starts) > 1:
-        each, own = (tuple(map("=".join, of.items())) for of in (starts, goals))
-        found: dict[str, Any] = {"glider": each, "goal": request.goal or own}
+        each, goals_by_name = (tuple(map("=".join, by_name.items())) for by_name in (starts, goals))
+        found: dict[str, Any] = {"glider": each, "goal": request.goal or goals_by_name}
     else:
         name, start = next(iter(starts.items()), ("", None))
         found = {"start": request.start or start, "of_glider": name or None}

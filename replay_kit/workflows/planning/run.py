@@ -256,7 +256,7 @@ def _chosen(
     goals, apart = each[0].goals, job.separation or 0.0
     announce("assigning goals")
     owners = [name for name, _ in job.goals_of_gliders]
-    times = _of_its_own(times_to_goals(flow, each, goals), [*asked], owners)
+    times = _only_own_goals(times_to_goals(flow, each, goals), [*asked], owners)
     chosen = dict(zip(asked, assign(times), strict=True))
     requests = [
         replace(request, goals=(goals[goal],))
@@ -354,26 +354,26 @@ def _other_tolerance(judge: _Judge, request: MissionRequest, made: MissionPlan) 
 def _apart(judge: _Judge, joint: JointMissions, names: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Yield the separation of each two missions, one row each, for console and JSON."""
     least = judge.job.separation or 0.0
-    for one in joint.nearness:
+    for pair in joint.nearness:
         share = None
         if judge.drawn and least:
             # of samples that the ways were not chosen by
-            share = share_of_nearer(judge.flow, judge.drawn, joint, one.vehicles, least)
+            share = share_of_nearer(judge.flow, judge.drawn, joint, pair.vehicles, least)
         yield {
-            "vehicles": [names[k] for k in one.vehicles],
-            "least_distance_m": one.distance,
-            "time": time_text(one.time_ns),
+            "vehicles": [names[k] for k in pair.vehicles],
+            "least_distance_m": pair.distance,
+            "time": time_text(pair.time_ns),
             "separation_m": least or None,
             "nearer_in_samples": share,
             "nearer_interval": None if share is None else share_interval(share, len(judge.drawn)),
-            "kept": not one.distance < least,
+            "kept": not pair.distance < least,
         }
 
 
-def _of_its_own(times: Array, vehicles: Sequence[str], goals_of: Sequence[str]) -> Array:
+def _only_own_goals(times: Array, vehicles: Sequence[str], goals_of: Sequence[str]) -> Array:
     """Return times in which a vehicle's own goal is out of reach of all others, and other goals of that vehicle."""
     allowed = np.ones(times.shape, dtype=bool)
     for k, vehicle in enumerate(vehicles):
-        own = np.array([name == vehicle for name in goals_of])
-        allowed[k] = own if own.any() else np.array([not name for name in goals_of])
+        of_vehicle = np.array([name == vehicle for name in goals_of])
+        allowed[k] = of_vehicle if of_vehicle.any() else np.array([not name for name in goals_of])
     return np.where(allowed, times, np.inf)

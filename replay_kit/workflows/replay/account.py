@@ -207,21 +207,21 @@ def surface_only(grid: Grid, logs: Logs) -> str:
 
 def together(each: Mapping[str, Account]) -> dict[str, Any]:
     """Return the part of an outcome on messages and observations of several vehicles by name; dives are counted per vehicle."""
-    parts, whole = {name: of.part() for name, of in each.items()}, Counts()
-    for k, one in enumerate(of.counts for of in each.values()):
-        bins = added(whole.bins_rejected, one.bins_rejected.items())
+    parts, whole = {name: account.part() for name, account in each.items()}, Counts()
+    for k, part in enumerate(account.counts for account in each.values()):
+        bins = added(whole.bins_rejected, part.bins_rejected.items())
         evidence = {**whole.evidence}
-        if one.evidence:
-            evidence[-k] = Evidence(one.evidence).total
-        whole = Counts(bins_rejected=bins, total=whole.total.plus(one.total), evidence=evidence)
+        if part.evidence:
+            evidence[-k] = Evidence(part.evidence).total
+        whole = Counts(bins_rejected=bins, total=whole.total.plus(part.total), evidence=evidence)
     return _measured(whole) | {
         "messages": [
             row | {"topic": f"{name} {row['topic']}"}
-            for name, one in parts.items()
-            for row in one["messages"]
+            for name, part in parts.items()
+            for row in part["messages"]
         ],
-        "losses": [loss for one in parts.values() for loss in one["losses"]],
-        "late": sum(one["late"] for one in parts.values()),
+        "losses": [loss for part in parts.values() for loss in part["losses"]],
+        "late": sum(part["late"] for part in parts.values()),
     }
 
 
@@ -237,7 +237,9 @@ def _measured(counts: Counts) -> dict[str, Any]:
             **sums.rms_of("before", "after", "prior", begin="rms_"),
             "nis_per_dof": sums.nis_per_dof,
             "doubts": [
-                f"{n} with {doubt}" for (of, doubt), n in counts.doubts.items() if of == kind
+                f"{n} with {doubt}"
+                for (doubted, doubt), n in counts.doubts.items()
+                if doubted == kind
             ],
         }
         for kind, sums in sorted(counts.sources.items())

@@ -232,7 +232,7 @@ def read_state(path: Path, run: str) -> Any:
             content = unsealed(_KIND + file.read())
         if content is None or not content.startswith(_KIND + _FORM):
             raise ValueError("it is incomplete, or of another version")
-        of, value = _OwnValues(BytesIO(content[len(_KIND + _FORM) :])).load()
+        identity, value = _OwnValues(BytesIO(content[len(_KIND + _FORM) :])).load()
     except OSError as error:
         raise LogError(f"{path}: the state of a run cannot be read: {error.strerror}") from error
     except (
@@ -240,7 +240,7 @@ def read_state(path: Path, run: str) -> Any:
         *(pickle.UnpicklingError, EOFError, MemoryError, OverflowError),
     ) as error:
         raise unusable(path, str(error)) from error
-    if of != run:
+    if identity != run:
         raise unusable(path, "it is of another run: inputs, options, versions or settings differ")
     return value
 

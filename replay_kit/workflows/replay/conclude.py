@@ -37,7 +37,7 @@ from replay_kit.workflows.replay.inputs.prepare import Prepared
 from replay_kit.workflows.replay.publishing import depth_slices
 from replay_kit.workflows.replay.run import Run, end, left_windows
 from replay_kit.workflows.replay.surfacings import next_surfacing
-from replay_kit.workflows.replay.vehicle import OfVehicle
+from replay_kit.workflows.replay.vehicle import VehicleRun
 
 
 def conclude(
@@ -52,12 +52,12 @@ def conclude(
     """
     job, useless = inputs.job, useless_of(run, inputs)
     flows, windows = _last_flows(run)
-    flow, estimator = flows[0], run.of[0].setup.estimator
-    each = zip(run.of, inputs.accounts(run), flows, strict=True)
+    flow, estimator = flows[0], run.vehicles[0].setup.estimator
+    each = zip(run.vehicles, inputs.accounts(run), flows, strict=True)
     found = {one[0].setup.name: found_of(*one, inputs, others) for one in each}
     values = next(iter(found.values()))
     if job.vehicles:
-        values = _of_several(run, inputs, found, useless, bool(windows))
+        values = _pooled_values(run, inputs, found, useless, bool(windows))
     kernel = flow.horizontal.kernel
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
@@ -95,13 +95,13 @@ def _write(
 ) -> None:
     """Write the end of the result, and the files of the estimate."""
     if (writer := run.writer) is not None:
-        for of in run.of:
-            with writer.of(of.setup.name):
-                writer.consistency(run.last_ns, found[of.setup.name]["consistency"])
-                if (flown := of.forecasts.as_flown) is not None:
+        for each in run.vehicles:
+            with writer.for_vehicle(each.setup.name):
+                writer.consistency(run.last_ns, found[each.setup.name]["consistency"])
+                if (flown := each.forecasts.as_flown) is not None:
                     writer.record(AS_FLOWN, flown.to_record())
         writer.summary(run.last_ns, outcome)
-        withdrawn = run.of[0].publishing.withdrawn
+        withdrawn = run.vehicles[0].publishing.withdrawn
         stated = {"withdrawn": str(withdrawn)} if withdrawn else {}
         stated |= {"vehicles": json.dumps(windows)} if windows else {}
         if stated:
@@ -110,7 +110,7 @@ def _write(
     if inputs.job.netcdf is not None:
         write_grid(flow, inputs.job.netcdf)
     if inputs.job.save_estimate is not None:
-        flown = run.of[0].forecasts.as_flown
+        flown = run.vehicles[0].forecasts.as_flown
         vehicle = {} if flown is None else {AS_FLOWN: json.dumps(flown.to_record())}
         replace(flow, about={**flow.about, **vehicle}).save(inputs.job.save_estimate)
 
@@ -123,22 +123,24 @@ def _last_flows(run: Run) -> tuple[list[FlowEstimate], dict[str, int]]:
         the first.
     """
     held, flows = dict[Hashable, FlowEstimate](), list[FlowEstimate]()
-    begun = [of.first_ns for of in run.of if of.first_ns is not None]
+    begun = [vehicle.first_ns for vehicle in run.vehicles if vehicle.first_ns is not None]
     span_ns = (min(begun, default=run.last_ns), run.last_ns)
-    for of in run.of:
-        planned_on, estimator = end(run, of), of.setup.estimator
+    for vehicle in run.vehicles:
+        planned_on, estimator = end(run, vehicle), vehicle.setup.estimator
         window = estimator.window(run.current)
         if window not in held:
-            own = flow_at(estimator, run.current, run.last_ns) if run.is_pooled else planned_on
-            dated = replace(run.dated(own), about=dict(run.config.output.metadata))
+            flow = flow_at(estimator, run.current, run.last_ns) if run.is_pooled else planned_on
+            dated = replace(run.dated(flow), about=dict(run.config.output.metadata))
             held[window] = replace(dated, span_ns=span_ns) if run.is_pooled else dated
         flows.append(held[window])
     _, *others = held.values()
     numbers = dict(zip(map(id, others), left_windows(run, others), strict=True))
     last = (depth_slices(run.last_ns, one, run.config.output) for one in (*others, flows[0]))
-    run.write(run.of[0], last)
-    each = zip(run.of, flows, strict=True)
-    return flows, {of.setup.name: numbers[id(own)] for of, own in each if id(own) in numbers}
+    run.write(run.vehicles[0], last)
+    each = zip(run.vehicles, flows, strict=True)
+    return flows, {
+        vehicle.setup.name: numbers[id(flow)] for vehicle, flow in each if id(flow) in numbers
+    }
 
 
 def so_far(run: Run, inputs: Prepared) -> Outcome:
@@ -148,7 +150,9 @@ def so_far(run: Run, inputs: Prepared) -> Outcome:
 
 def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
     accounts = inputs.accounts(run)
-    each = {of.setup.name: own for of, own in zip(run.of, accounts, strict=True)}
+    each = {
+        vehicle.setup.name: account for vehicle, account in zip(run.vehicles, accounts, strict=True)
+    }
     return together(each) if inputs.job.vehicles else accounts[0].part()
 
 
@@ -159,20 +163,20 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
         MeasurementError: No vehicle contributed anything.
     """
     useless, last = dict[str, str](), None
-    for of, account in zip(run.of, inputs.accounts(run), strict=True):
+    for vehicle, account in zip(run.vehicles, inputs.accounts(run), strict=True):
         try:
             names = [*[""] * account.first_input, *(one.path for one in account.reports)]
-            require_one_vehicle(of.monitoring, names)
-            if not of.monitoring.explains_no_profile:
+            require_one_vehicle(vehicle.monitoring, names)
+            if not vehicle.monitoring.explains_no_profile:
                 account.require_usable(inputs.forecasts.ensemble.grid, inputs.logs)
-            account.require_left_out(of.setup.config.measurements.without)
+            account.require_left_out(vehicle.setup.config.measurements.without)
         except MeasurementError as error:
             if not inputs.job.vehicles or error.findings:
-                found = error.findings or of.monitoring.findings
-                said = dict.fromkeys((str(error), *map(str, of.monitoring.findings)))
+                found = error.findings or vehicle.monitoring.findings
+                said = dict.fromkeys((str(error), *map(str, vehicle.monitoring.findings)))
                 raise MeasurementError(". ".join(said), found) from error
-            useless[of.setup.name], last = str(error), error
-    if last is not None and len(useless) == len(run.of):
+            useless[vehicle.setup.name], last = str(error), error
+    if last is not None and len(useless) == len(run.vehicles):
         raise last
     return useless
 
@@ -183,36 +187,38 @@ def _caveats(notes: Iterable[str]) -> list[str]:
 
 
 def found_of(
-    of: OfVehicle,
+    vehicle: VehicleRun,
     account: Account,
     flow: FlowEstimate,
     inputs: Prepared,
     others: Sequence[tuple[str, Evidence]] = (),
 ) -> dict[str, Any]:
     """Return the values of an outcome for one vehicle."""
-    setup = of.setup
-    of_file = check_file(setup.estimator, of.monitoring.means)
-    findings, blind = conclusions(of.monitoring, of.counts, setup.config, of_file)
-    told, planning = setup.config.planner.depth, of.planning
+    setup = vehicle.setup
+    of_file = check_file(setup.estimator, vehicle.monitoring.means)
+    findings, blind = conclusions(vehicle.monitoring, vehicle.counts, setup.config, of_file)
+    told, planning = setup.config.planner.depth, vehicle.planning
     depth = told if isinstance(told, float) else None
-    following = next_surfacing(of.forecasts, flow, depth)
+    following = next_surfacing(vehicle.forecasts, flow, depth)
     plan = None if planning.result is None else planning.result.plan
-    evidence, ensemble = of.counts.log_evidence, name_of(inputs.job.ensemble)
+    evidence, ensemble = vehicle.counts.log_evidence, name_of(inputs.job.ensemble)
     compared = comparison_part(ensemble, evidence, others) if evidence and others else None
     return account.part() | {
         "comparison": compared,
         "plan": plan_part(plan, planning.failure),
         "surfacings": surfacings_part(planning.outcomes),
-        "predicted_surfacings": expected_part(of.forecasts.outcomes, following, planning.outcomes),
-        "notes": account.notes() + of.publishing.surface.notes + of.notes,
+        "predicted_surfacings": expected_part(
+            vehicle.forecasts.outcomes, following, planning.outcomes
+        ),
+        "notes": account.notes() + vehicle.publishing.surface.notes + vehicle.notes,
         "consistency": [*map(finding_json, findings)],
         "doubts": blind,
         "outside": _caveats(inputs.forecasts.notes),
-        "flight_correction": correction_part(of.flight.correction(of.counts.corrections)),
+        "flight_correction": correction_part(vehicle.flight.correction(vehicle.counts.corrections)),
     }
 
 
-def _of_several(
+def _pooled_values(
     run: Run,
     inputs: Prepared,
     each: Mapping[str, Mapping[str, Any]],
@@ -224,7 +230,7 @@ def _of_several(
     notes = [*map(": ".join, unused.items())]
     if windowed:
         notes.append(
-            f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {run.of[0].setup.name}; "
+            f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {run.vehicles[0].setup.name}; "
             "the result holds all"
         )
     return _counted(run, inputs) | {

@@ -152,9 +152,9 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
     gated = [
         step.event
         for step in steps
-        if (one := step.innovation) is not None
-        and one.gate_statistic > one.gate
-        and not one.accepted
+        if (innovation := step.innovation) is not None
+        and innovation.gate_statistic > innovation.gate
+        and not innovation.accepted
     ]
     return replace(state, gated=(*state.gated, *gated)[-_MOST_GATED:]) if gated else state
 
@@ -242,7 +242,7 @@ def conclusions(
     )
     # faults of the log explain that it does not fit
     if all(finding.name in (ENSEMBLE, findings.FORECAST) for finding in found):
-        of_forecast = _of_forecast(counts.total, config.forecast.place)
+        of_forecast = _forecast_findings(counts.total, config.forecast.place)
         found += tuple(one for one in of_forecast if not found or one.name != ENSEMBLE)
     if not state.checks.can_tell_directions:
         blind.append(_UNDETERMINED)
@@ -264,7 +264,7 @@ def _preferred(counts: Counts) -> tuple[Finding, ...]:
     return ()
 
 
-def _of_forecast(sums: Sums, moved: bool) -> tuple[Finding, ...]:
+def _forecast_findings(sums: Sums, moved: bool) -> tuple[Finding, ...]:
     """Return a finding if two thirds of the observations exceed the gate: the forecast does not fit."""
     beyond, total = sums.gated, sums.profiles + sums.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"
@@ -281,8 +281,8 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> Concluded:
         estimator: Estimator with the prior; the check is empty if that is not a single Gaussian of weights.
         means: DACs of dives.
     """
-    own = isinstance(estimator, ReducedBasisEstimator)
-    dives = [*filter(estimator.usable, means)] if own else []
+    has_prior = isinstance(estimator, ReducedBasisEstimator)
+    dives = [*filter(estimator.usable, means)] if has_prior else []
     if len(dives) < _LEAST_DIVES:
         return (), ()
     dives = dives[:: math.ceil(len(dives) / _MOST_DIVES)]

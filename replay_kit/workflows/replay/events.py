@@ -219,13 +219,13 @@ class Item(NamedTuple):
 
     Attributes:
         due_ns: Due time of the event that completes it [ns, UTC].
-        of: Vehicle number of that event.
+        closed_by: Number of the vehicle of that event.
         vehicle: Number of its vehicle.
         event: The observation, group or positions.
     """
 
     due_ns: float
-    of: int
+    closed_by: int
     vehicle: int
     event: Event
 
@@ -261,8 +261,8 @@ def items(
                 Item(due[k], vehicle, vehicle, events.track(row, row + 1)) for k, row in at_each
             )
         elif number > first:
-            due_ns, of = at or (due[end - 1], vehicle)
-            found.append(Item(due_ns, of, vehicle, events.track(first, number)))
+            due_ns, owner = at or (due[end - 1], vehicle)
+            found.append(Item(due_ns, owner, vehicle, events.track(first, number)))
 
     while i < n:
         if kind[i] == POSITION:
@@ -279,7 +279,7 @@ def items(
                     end = _group_end(events, grouping, i, rows[PING])
                 closed = [(float(due[end]), vehicle)] if end < n else []
                 latest = events.time[i] + grouping.seconds * _NS
-                closed += next(([(float(at), of)] for at, of in beside if at > latest), [])
+                closed += next(([(float(at), owner)] for at, owner in beside if at > latest), [])
                 if last:
                     closed.append((np.inf, vehicle))
                 if not closed:

@@ -122,7 +122,7 @@ def _replay(
         if run.writer is not None:
             (run.writer.discard if unusable else run.writer.abandon)()
         if isinstance(error, ReplayKitError) and unusable:
-            found = (one for of in run.of for one in of.monitoring.findings)
+            found = (one for vehicle in run.vehicles for one in vehicle.monitoring.findings)
             error.findings = error.findings or tuple(found)
             error.answer = failed(error, so_far(run, inputs)).to_json()
         raise
@@ -137,7 +137,7 @@ def _rivals(
     """Yield the name of each competing forecast, and the log evidence under it."""
     for each in job.against:
         alone = ReplayJob(job.logs, each, estimator=job.estimator, tell=job.tell)
-        counts = _replay(alone, config, None, progress, None)[2].of[0].counts
+        counts = _replay(alone, config, None, progress, None)[2].vehicles[0].counts
         if (evidence := counts.log_evidence) is None:
             raise ForecastError(
                 f"{name_of(each)}: this estimator states no density of the measurements, so there is no evidence to compare"
@@ -190,7 +190,7 @@ def _begin_result(run: Run, inputs: Prepared, time_ns: int) -> None:
         writer.start(projection, time_ns, inputs.metadata, settings)
         for note in inputs.forecasts.notes:
             writer.log(time_ns, "warning", note)
-        problems = (of.setup.problem for of in run.of)
+        problems = (vehicle.setup.problem for vehicle in run.vehicles)
         beds = (one.planner.seabed for one in problems if one is not None)
         for seabed in [bed for bed in beds if bed is not None][:1]:
             writer.seabed(time_ns, seabed)

@@ -40,7 +40,7 @@ from replay_kit.workflows.replay.surfacings import (
     forecast_step,
     forecast_track,
 )
-from replay_kit.workflows.replay.vehicle import OfVehicle, Setup
+from replay_kit.workflows.replay.vehicle import Setup, VehicleRun
 
 #: Schema of what stands in the stream where the logs of a vehicle end.
 END = "replay_kit.EndOfLogs"
@@ -66,7 +66,7 @@ class Run:
         follow_up: Called with each block of steps and their vehicles.
         rebuilt: Called with those of an estimate that is rebuilt without a source, in place of all before.
         current: Estimator's state.
-        of: The vehicles, in order of name.
+        vehicles: The vehicles, in order of name.
         kept: Observations of several vehicles so far, in order; empty for a single one.
         next_slices_ns: Due time of the next depth slices of each window [ns, UTC].
         messages: Number of processed messages.
@@ -95,7 +95,7 @@ class Run:
         self._measured_by, self._owners = measured_by, owners
         prior, logs = setups[0].estimator.initial(), setups[0].config.logs
         stream, self.current = begun(logs.system, logs.component), prior
-        self.of = [OfVehicle(setup, stream, Dive(prior)) for setup in setups]
+        self.vehicles = [VehicleRun(setup, stream, Dive(prior)) for setup in setups]
         self._waiting, self._n_waiting, self.kept = list[Given](), 0, list[Given]()
         self.next_slices_ns = dict[Hashable, int | None]()
         self.messages = self.last_ns = 0
@@ -104,23 +104,26 @@ class Run:
     def state(self) -> dict[str, Any]:
         """State kept in a checkpoint: what changes with messages, by name."""
         of_run = {name: copy(getattr(self, name)) for name in _STATE}
-        return {**of_run, "of": [of.state for of in self.of]}
+        return {**of_run, "vehicles": [vehicle.state for vehicle in self.vehicles]}
 
     @state.setter
     def state(self, state: Mapping[str, Any]) -> None:
         for name in _STATE:
             setattr(self, name, copy(state[name]))
-        self.of = [OfVehicle(of.setup, **own) for of, own in zip(self.of, state["of"], strict=True)]
+        self.vehicles = [
+            VehicleRun(vehicle.setup, **states)
+            for vehicle, states in zip(self.vehicles, state["vehicles"], strict=True)
+        ]
 
     @property
     def config(self) -> RunConfig:
         """Settings of the run."""
-        return self.of[0].setup.config
+        return self.vehicles[0].setup.config
 
     @property
     def is_pooled(self) -> bool:
         """Whether there are several vehicles."""
-        return len(self.of) > 1
+        return len(self.vehicles) > 1
 
     # ---- messages in
 
@@ -146,71 +149,74 @@ class Run:
                 end = event if other == number else bisect_right(places, place - 1)
                 self.give(other, block, given[other], end)
                 given[other] = max(end, given[other])
-                of, seen = self.of[other], [messages[k] for k in at[other] if k < place]
+                vehicle, seen = self.vehicles[other], [messages[k] for k in at[other] if k < place]
                 if seen:
-                    of.due_ns = seen[0].time_ns if of.due_ns is None else of.due_ns
-                    of.ended = of.ended or seen[-1].schema == END
+                    vehicle.due_ns = seen[0].time_ns if vehicle.due_ns is None else vehicle.due_ns
+                    vehicle.ended = vehicle.ended or seen[-1].schema == END
             if told:
-                self._act_on(self.of[number], told, messages[place].time_ns)
+                self._act_on(self.vehicles[number], told, messages[place].time_ns)
         self.messages += len(messages)
         if messages:
             self.last_ns = messages[-1].time_ns
         self._release()
 
     def _measured(
-        self, number: int, own: Sequence[Message]
+        self, number: int, messages: Sequence[Message]
     ) -> tuple[Block, Mapping[int, consistency.FoundWith], list[int]]:
         """Return the block measured by messages of a vehicle, the findings by event, and the number of each event's message."""
-        of, read = self.of[number], [message for message in own if message.schema != END]
-        first = of.stream.order
+        vehicle = self.vehicles[number]
+        read = [message for message in messages if message.schema != END]
+        first = vehicle.stream.order
         with self.clock.stage("measure"):
-            of.stream, block = taken(of.stream, read, self._measured_by, len(read) < len(own))
-        with self.clock.stage("check"):
-            of.monitoring, block, found = consistency.checked(
-                of.monitoring, block, of.setup.config, of.setup.speeds
+            vehicle.stream, block = taken(
+                vehicle.stream, read, self._measured_by, len(read) < len(messages)
             )
-        counted = added(of.counts.messages, block.counts().items())
-        of.counts = replace(of.counts, messages=counted)
+        with self.clock.stage("check"):
+            vehicle.monitoring, block, found = consistency.checked(
+                vehicle.monitoring, block, vehicle.setup.config, vehicle.setup.speeds
+            )
+        counted = added(vehicle.counts.messages, block.counts().items())
+        vehicle.counts = replace(vehicle.counts, messages=counted)
         # what waited for the end of the logs comes with it
-        return block, found, np.minimum(block.events[:, 0] - first, len(own) - 1).tolist()
+        return block, found, np.minimum(block.events[:, 0] - first, len(messages) - 1).tolist()
 
     def give(self, number: int, block: Block, begin: int, end: int) -> None:
         """Process events of a vehicle, from ``begin`` to before ``end`` of a checked block."""
         if end > begin:
-            self.of[number].admit(block, block.events[begin:end])
+            self.vehicles[number].admit(block, block.events[begin:end])
 
-    def _act_on(self, of: OfVehicle, found: consistency.FoundWith, time_ns: int) -> None:
+    def _act_on(self, vehicle: VehicleRun, found: consistency.FoundWith, time_ns: int) -> None:
         """Apply findings: rebuild the estimate without a faulty instrument, or open the gate between two sources.
 
         Raises:
             MeasurementError: The log is unusable, or a contradiction is set to stop the run.
         """
-        others = [one.monitoring.left_out for one in self.of if one is not of]
+        others = [one.monitoring.left_out for one in self.vehicles if one is not vehicle]
         if any(contradict for _, contradict in found) and not all(others):
-            of.monitoring, found = consistency.left_out(of.monitoring, found)
-        of.monitoring = consistency.noted(of.monitoring, found, of.setup.config)
+            vehicle.monitoring, found = consistency.left_out(vehicle.monitoring, found)
+        vehicle.monitoring = consistency.noted(vehicle.monitoring, found, vehicle.setup.config)
         self._release(close=True)
         self._assimilate()
         if any(finding.distrusts for finding, _ in found):
-            self._rebuild(of)
-        self.current, of.monitoring, of.counts = consistency.readmitted(
-            of.estimator, self.current, of.monitoring, of.counts
+            self._rebuild(vehicle)
+        self.current, vehicle.monitoring, vehicle.counts = consistency.readmitted(
+            vehicle.estimator, self.current, vehicle.monitoring, vehicle.counts
         )
-        every = [*map(finding_json, of.monitoring.findings)]
+        every = [*map(finding_json, vehicle.monitoring.findings)]
 
         def write(writer: ResultWriter) -> None:
             for finding, _ in found:
                 writer.log(finding.since_ns, "warning", str(finding))
             writer.consistency(time_ns, every)
 
-        self.write(of, (write,))
+        self.write(vehicle, (write,))
 
-    def _rebuild(self, of: OfVehicle) -> None:
+    def _rebuild(self, vehicle: VehicleRun) -> None:
         """Rebuild the estimate without the profiles of a vehicle, or without all its observations if excluded.
 
         With a single vehicle only its DACs remain.
         """
-        number, every = self.of.index(of), of.monitoring.left_out
+        number, every = self.vehicles.index(vehicle), vehicle.monitoring.left_out
         if self.is_pooled:
             self.kept = [
                 (other, event)
@@ -218,38 +224,41 @@ class Run:
                 if other != number or not (every or isinstance(event, Profiles))
             ]
             kinds = (PING, LINEAR) if every else (PING,)
-            of.waiting = of.waiting.without(np.isin(of.waiting.kind, kinds))
+            vehicle.waiting = vehicle.waiting.without(np.isin(vehicle.waiting.kind, kinds))
             given = self.kept
         else:
-            means = of.monitoring.means if of.estimator.supports_path_means else ()
+            means = vehicle.monitoring.means if vehicle.estimator.supports_path_means else ()
             given = [(number, mean) for mean in means]
-        prior = self.of[0].setup.estimator.initial()
+        prior = self.vehicles[0].setup.estimator.initial()
         self.current = prior
-        for one in self.of:
+        for one in self.vehicles:
             one.dive = Dive(prior)
         steps, each = self._stepped(given)
         self.rebuilt(self, steps)
-        for one, own in each:
-            one.counts = one.counts.rebuilt(own)
-            one.monitoring = consistency.with_gated(replace(one.monitoring, gated=()), own)
+        for one, own_steps in each:
+            one.counts = one.counts.rebuilt(own_steps)
+            one.monitoring = consistency.with_gated(replace(one.monitoring, gated=()), own_steps)
         # windows published before
-        publishing = self.of[0].publishing
-        self.of[0].publishing = replace(publishing, withdrawn=publishing.windows)
+        publishing = self.vehicles[0].publishing
+        self.vehicles[0].publishing = replace(publishing, withdrawn=publishing.windows)
 
     # ---- events into the estimate
 
     def _stepped(
         self, given: Sequence[Given]
-    ) -> tuple[list[tuple[int, Step]], list[tuple[OfVehicle, list[Step]]]]:
+    ) -> tuple[list[tuple[int, Step]], list[tuple[VehicleRun, list[Step]]]]:
         """Assimilate events, and return the steps in order, and those of each vehicle."""
         with self.clock.stage("estimate"):
             self.current, dives, steps = assimilate(
-                [of.estimator for of in self.of], self.current, [of.dive for of in self.of], given
+                [vehicle.estimator for vehicle in self.vehicles],
+                self.current,
+                [vehicle.dive for vehicle in self.vehicles],
+                given,
             )
-        each = list[tuple[OfVehicle, list[Step]]]()
-        for number, (of, dive) in enumerate(zip(self.of, dives, strict=True)):
-            of.dive = dive
-            each.append((of, [step for other, step in steps if other == number]))
+        each = list[tuple[VehicleRun, list[Step]]]()
+        for number, (vehicle, dive) in enumerate(zip(self.vehicles, dives, strict=True)):
+            vehicle.dive = dive
+            each.append((vehicle, [step for other, step in steps if other == number]))
         return steps, each
 
     def _release(self, close: bool = False) -> None:
@@ -259,7 +268,7 @@ class Run:
             close: Whether to close groups of profiles that others might join.
         """
         for item in self._released(close):
-            event, size = item.event, self.of[item.vehicle].setup.estimator.block_size
+            event, size = item.event, self.vehicles[item.vehicle].setup.estimator.block_size
             self._waiting.append((item.vehicle, event))
             if not isinstance(event, Track | Aside):
                 # after values at many places the state has a covariance of its own, tens of megabytes: of a block all states are held
@@ -273,27 +282,27 @@ class Run:
     def _released(self, close: bool) -> list[Item]:
         """Return and remove, in order, the items that no event of another vehicle can precede any more."""
         running = [
-            (of.due_ns, number)
-            for number, of in enumerate(self.of)
-            if of.due_ns is not None and not of.ended
+            (vehicle.due_ns, number)
+            for number, vehicle in enumerate(self.vehicles)
+            if vehicle.due_ns is not None and not vehicle.ended
         ]
         (until_ns, first), last = min(running, default=(_NEVER, 0)), not running or close
         some, due, found = list[Events](), list[tuple[int, int]](), list[Item]()
-        for number, of in enumerate(self.of):
+        for number, vehicle in enumerate(self.vehicles):
             side: Literal["left", "right"] = "right" if number <= first else "left"
-            free = np.searchsorted(of.waiting.due, until_ns, side=side)
-            some.append(of.waiting.part(0, int(free)))
+            free = np.searchsorted(vehicle.waiting.due, until_ns, side=side)
+            some.append(vehicle.waiting.part(0, int(free)))
             due += [(at, number) for at in some[-1].due.tolist()] if self.is_pooled else []
         due.sort()
-        for number, (of, events) in enumerate(zip(self.of, some, strict=True)):
+        for number, (vehicle, events) in enumerate(zip(self.vehicles, some, strict=True)):
             beside = [one for one in due if one[1] != number]
-            own, n = items(events, of.setup.estimator.grouping, number, beside, last)
-            found += own
+            ready, n = items(events, vehicle.setup.estimator.grouping, number, beside, last)
+            found += ready
             if n:
-                of.waiting = of.waiting.part(n, len(of.waiting))
+                vehicle.waiting = vehicle.waiting.part(n, len(vehicle.waiting))
         if self.is_pooled:
             # a group that another vehicle's event ends comes before that
-            found.sort(key=lambda one: (one.due_ns, one.of, one.of == one.vehicle))
+            found.sort(key=lambda one: (one.due_ns, one.closed_by, one.closed_by == one.vehicle))
         return found
 
     def _assimilate(self) -> None:
@@ -306,14 +315,14 @@ class Run:
                 for number, event in given
                 if not isinstance(event, Track | Aside)
             ]
-        for of, own in each:
-            of.counts = of.counts.after(own) if own else of.counts
-            of.monitoring = consistency.with_gated(of.monitoring, own)
-            self.write(of, publish_innovations(own))
+        for vehicle, own_steps in each:
+            vehicle.counts = vehicle.counts.after(own_steps) if own_steps else vehicle.counts
+            vehicle.monitoring = consistency.with_gated(vehicle.monitoring, own_steps)
+            self.write(vehicle, publish_innovations(own_steps))
         self.follow_up(self, steps)
-        self.current = self.of[0].estimator.without_left(self.current)
-        for of in self.of:
-            of.dive = kept(of.estimator, of.dive)
+        self.current = self.vehicles[0].estimator.without_left(self.current)
+        for vehicle in self.vehicles:
+            vehicle.dive = kept(vehicle.estimator, vehicle.dive)
 
     def finish(self) -> None:
         """Pass on all waiting events."""
@@ -323,35 +332,36 @@ class Run:
     def finished(self) -> "Run":
         """Return a copy for a single vehicle to which all waiting events were passed on; they keep waiting here."""
         found = copy(self)
-        found.of, found._waiting = [copy(of) for of in self.of], [*self._waiting]
+        found.vehicles = [copy(vehicle) for vehicle in self.vehicles]
+        found._waiting = [*self._waiting]
         found.finish()
         return found
 
     def flow_now(self) -> FlowEstimate:
         """Return the estimate at the time of the last message; without one the prior."""
         if not self.messages:
-            return self.of[0].estimator.flow(self.current)
-        return self.dated(self.of[0].flow(self.current, self.last_ns))
+            return self.vehicles[0].estimator.flow(self.current)
+        return self.dated(self.vehicles[0].flow(self.current, self.last_ns))
 
     def dated(self, flow: FlowEstimate) -> FlowEstimate:
         """Return an estimate with the surface current of radars and the span of its data, which ends at its time."""
-        first_ns, flow = self.of[0].first_ns, self.of[0].publishing.surface.added(flow)
+        first_ns, flow = self.vehicles[0].first_ns, self.vehicles[0].publishing.surface.added(flow)
         if first_ns is None or flow.time_ns is None:
             return flow
         return replace(flow, span_ns=(first_ns, max(first_ns, flow.time_ns)))
 
-    def write(self, of: OfVehicle, outputs: Iterable[Output]) -> None:
+    def write(self, vehicle: VehicleRun, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
-            with self.writing(of) as writer:
+            with self.writing(vehicle) as writer:
                 for output in outputs:
                     output(writer)
 
     @contextmanager
-    def writing(self, of: OfVehicle) -> Iterator[ResultWriter]:
+    def writing(self, vehicle: VehicleRun) -> Iterator[ResultWriter]:
         """Yield the writer of a result for what is of a vehicle."""
         assert self.writer is not None
-        with self.writer.of(of.setup.name), self.clock.stage("write"):
+        with self.writer.for_vehicle(vehicle.setup.name), self.clock.stage("write"):
             yield self.writer
 
 
@@ -361,55 +371,57 @@ class Run:
 def follow_up(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
     """Publish a block of steps by vehicle with their consequences, then the last estimates of finished windows."""
     for number, step in steps:
-        of, track = run.of[number], step.event
+        vehicle, track = run.vehicles[number], step.event
         if not isinstance(track, Track):
-            _follow(run, of, step)
-        elif not _passed(run, of, step, track):
+            _follow(run, vehicle, step)
+        elif not _passed(run, vehicle, step, track):
             for position in track:
-                _follow(run, of, replace(step, event=position))
+                _follow(run, vehicle, replace(step, event=position))
     if run.writer is not None:
-        left_windows(run, map(run.dated, run.of[0].estimator.left_flows(run.current)))
+        left_windows(run, map(run.dated, run.vehicles[0].estimator.left_flows(run.current)))
 
 
-def _passed(run: Run, of: OfVehicle, step: Step, track: Track) -> bool:
+def _passed(run: Run, vehicle: VehicleRun, step: Step, track: Track) -> bool:
     """Publish consecutive positions without further consequences, and return whether the step was that."""
-    depth = of.setup.config.measurements.surface_depth
-    forecasts = forecast_track(of.forecasts, track, depth)
-    if of.setup.problem or run.is_pooled or forecasts is None:
+    depth = vehicle.setup.config.measurements.surface_depth
+    forecasts = forecast_track(vehicle.forecasts, track, depth)
+    if vehicle.setup.problem or run.is_pooled or forecasts is None:
         return False
-    of.forecasts = forecasts
-    _publish(run, of, step, partial(of.flow, step.after))
+    vehicle.forecasts = forecasts
+    _publish(run, vehicle, step, partial(vehicle.flow, step.after))
     return True
 
 
-def _follow(run: Run, of: OfVehicle, step: Step) -> None:
+def _follow(run: Run, vehicle: VehicleRun, step: Step) -> None:
     """Publish a position or observation with its consequences."""
-    before, after = partial(of.flow, step.before), partial(of.flow, step.after)
-    depth, event = of.setup.config.measurements.surface_depth, step.event
+    before, after = partial(vehicle.flow, step.before), partial(vehicle.flow, step.after)
+    depth, event = vehicle.setup.config.measurements.surface_depth, step.event
     used = not isinstance(event, Aside)
     if used:
-        _plan(run, of, plans.before_event, event, before)
-        _publish(run, of, step, after)
-    _expect(run, of, forecast_step(of.forecasts, step, before, depth, of.flight.inverted))
+        _plan(run, vehicle, plans.before_event, event, before)
+        _publish(run, vehicle, step, after)
+    _expect(
+        run, vehicle, forecast_step(vehicle.forecasts, step, before, depth, vehicle.flight.inverted)
+    )
     if used:
-        _plan(run, of, plans.after_event, event, after)
+        _plan(run, vehicle, plans.after_event, event, after)
 
 
 def _publish(
-    run: Run, of: OfVehicle, step: Step, flow_after: Callable[[int], FlowEstimate]
+    run: Run, vehicle: VehicleRun, step: Step, flow_after: Callable[[int], FlowEstimate]
 ) -> None:
     """Publish positions, or the surface current and due depth slices after an observation."""
     if run.writer is None:
         return
-    event, settings, now_ns = step.event, of.setup.config.output, step.event.time_ns
-    with run.writing(of) as writer:
+    event, settings, now_ns = step.event, vehicle.setup.config.output, step.event.time_ns
+    with run.writing(vehicle) as writer:
         if isinstance(event, Track | VehicleState):
             track = event if isinstance(event, Track) else [event]
-            of.publishing = publish_track(writer, of.publishing, track, flow_after)
+            vehicle.publishing = publish_track(writer, vehicle.publishing, track, flow_after)
         else:
-            of.publishing = publish_surface(writer, of.publishing, step, flow_after)
+            vehicle.publishing = publish_surface(writer, vehicle.publishing, step, flow_after)
         # vehicles share the slices of a window
-        window = of.estimator.window(step.after) if run.is_pooled else None
+        window = vehicle.estimator.window(step.after) if run.is_pooled else None
         due_ns = run.next_slices_ns.get(window)
         if step.innovation is not None and (due_ns is None or now_ns >= due_ns):
             run.next_slices_ns[window] = now_ns + int(settings.interval * 1e9)
@@ -418,37 +430,37 @@ def _publish(
 
 def _plan(
     run: Run,
-    of: OfVehicle,
+    vehicle: VehicleRun,
     stage: Callable[..., tuple[plans.PlanningState, tuple[Output, ...]]],
     *arguments: Any,
 ) -> None:
     """Run one step of the planning stage, if there is a goal."""
-    if (problem := of.problem) is not None:
+    if (problem := vehicle.problem) is not None:
         with run.clock.stage("plan"):
-            of.planning, outputs = stage(problem, of.planning, *arguments)
-        run.write(of, outputs)
+            vehicle.planning, outputs = stage(problem, vehicle.planning, *arguments)
+        run.write(vehicle, outputs)
 
 
-def _expect(run: Run, of: OfVehicle, forecasts: ForecastState) -> None:
+def _expect(run: Run, vehicle: VehicleRun, forecasts: ForecastState) -> None:
     """Store the state of the surfacing forecasts, and write the outcomes that are new."""
-    fresh, of.forecasts = forecasts.outcomes[len(of.forecasts.outcomes) :], forecasts
-    run.write(of, (methodcaller("dive_outcome", one) for one in fresh))
+    fresh, vehicle.forecasts = forecasts.outcomes[len(vehicle.forecasts.outcomes) :], forecasts
+    run.write(vehicle, (methodcaller("dive_outcome", one) for one in fresh))
 
 
 def left_windows(run: Run, flows: Iterable[FlowEstimate]) -> list[int]:
     """Publish the last estimates of windows; return their numbers."""
-    of, numbers = run.of[0], list[int]()
-    for number, flow in enumerate(flows, of.publishing.windows + 1):
-        of.publishing = replace(of.publishing, windows=number)
-        run.write(of, [methodcaller("window", number, flow)])
+    vehicle, numbers = run.vehicles[0], list[int]()
+    for number, flow in enumerate(flows, vehicle.publishing.windows + 1):
+        vehicle.publishing = replace(vehicle.publishing, windows=number)
+        run.write(vehicle, [methodcaller("window", number, flow)])
         numbers.append(number)
     return numbers
 
 
-def end(run: Run, of: OfVehicle) -> FlowEstimate:
+def end(run: Run, vehicle: VehicleRun) -> FlowEstimate:
     """Finish a surfacing of a vehicle and plan from its last position, of several at its own time; return the estimate used."""
-    _expect(run, of, forecast_end(of.forecasts))
-    flow, at = of.flow(run.current, run.last_ns), of.planning.position
+    _expect(run, vehicle, forecast_end(vehicle.forecasts))
+    flow, at = vehicle.flow(run.current, run.last_ns), vehicle.planning.position
     begin_ns = at.time_ns if run.is_pooled and at is not None else run.last_ns
-    _plan(run, of, plans.plan_at_end, partial(of.flow, run.current), flow, begin_ns)
+    _plan(run, vehicle, plans.plan_at_end, partial(vehicle.flow, run.current), flow, begin_ns)
     return flow

@@ -90,12 +90,14 @@ def assimilate(
     dives, steps = list(dives), list[tuple[int, Step]]()
     # measurements of vehicles with one estimator are assimilated together
     for _, of_estimator in groupby(given, key=lambda one: id(estimators[one[0]])):
-        own = list(of_estimator)
-        estimator = estimators[own[0][0]]
+        together = list(of_estimator)
+        estimator = estimators[together[0][0]]
         # Any: only an estimator that supports mean currents along paths is given some
-        measured: list[Any] = [event for _, event in own if not isinstance(event, Track | Aside)]
+        measured: list[Any] = [
+            event for _, event in together if not isinstance(event, Track | Aside)
+        ]
         results = deque(estimator.assimilate(current, measured)[1])
-        for vehicle, event in own:
+        for vehicle, event in together:
             if isinstance(event, Track | Aside):
                 steps.append((vehicle, Step(event, current, current)))
                 continue
@@ -127,7 +129,7 @@ def assimilate(
 
 def kept(estimator: Estimator[Any], dive: Dive) -> Dive:
     """Return the dive without the start of windows that vehicles have left; keeps the vehicle's window."""
-    return replace(dive, start=estimator.of_own(estimator.without_left(dive.start)))
+    return replace(dive, start=estimator.own_window(estimator.without_left(dive.start)))
 
 
 class Sums(NamedTuple):
@@ -166,21 +168,21 @@ class Sums(NamedTuple):
     @staticmethod
     def of(step: Step) -> "Sums":
         """Return the sums of a step's observation, or of the profiles of its group."""
-        one = step.innovation
-        assert one is not None
-        if not one.accepted:
-            gated = one.decision == "rejected"
-            repeats = gated and bool((one.reasons & _REPEATS).any())
-            refused = one.profiles if gated else 0
+        innovation = step.innovation
+        assert innovation is not None
+        if not innovation.accepted:
+            gated = innovation.decision == "rejected"
+            repeats = gated and bool((innovation.reasons & _REPEATS).any())
+            refused = innovation.profiles if gated else 0
             return Sums(rejected=1, gated=gated - repeats, repeated=int(repeats), refused=refused)
-        if (totals := one.totals) is None:
-            each = one.innovation, one.residual, one.prior_innovation
-            bins, (before, after, prior) = one.dof // 2, map(_squares, each)
+        if (totals := innovation.totals) is None:
+            each = innovation.innovation, innovation.residual, innovation.prior_innovation
+            bins, (before, after, prior) = innovation.dof // 2, map(_squares, each)
         else:
             bins, before, after, prior = totals.bins, totals.before, totals.after, totals.prior
         means, predicted = int(isinstance(step.event, PathMean)), _squares(step.dive_innovation)
-        of_fit = one.nis, one.dof, before, after, prior, predicted
-        return Sums(one.profiles, bins, *of_fit, means)
+        of_fit = innovation.nis, innovation.dof, before, after, prior, predicted
+        return Sums(innovation.profiles, bins, *of_fit, means)
 
     def plus(self, other: "Sums") -> "Sums":
         """Return the sums of both."""
@@ -258,27 +260,29 @@ class Counts:
         for step in steps:
             event: Any = step.event
             last = event if isinstance(event, Track) else last
-            if (one := step.innovation) is None:
+            if (innovation := step.innovation) is None:
                 continue
             sums, kind = Sums.of(step), kind_of(event)
             total, kinds[kind] = total.plus(sums), kinds.get(kind, Sums()).plus(sums)
             if isinstance(event, LinearMeasurement):
                 if event.label.doubt:
                     doubts = added(doubts, [((kind, event.label.doubt), 1)])
-            elif one.dive > 0 and one.accepted:
-                dives[one.dive] = dives.get(one.dive, Sums()).plus(sums)
+            elif innovation.dive > 0 and innovation.accepted:
+                dives[innovation.dive] = dives.get(innovation.dive, Sums()).plus(sums)
             if isinstance(event, PathMean) and event.corrected:
                 corrections.append(abs(complex(*event.used) - complex(*event.velocity)))
-            if isinstance(event, Profiles) and one.accepted:
+            if isinstance(event, Profiles) and innovation.accepted:
                 far += [std for std in event["position_std"].tolist() if std > 0.0]
             unused = (
-                reasons_of(one.reasons, one.flags) if one.totals is None else one.totals.not_used
+                reasons_of(innovation.reasons, innovation.flags)
+                if innovation.totals is None
+                else innovation.totals.not_used
             )
             bins = added(bins, unused)
             # not of those without a density or variance
-            if np.isfinite(one.log_likelihood):
-                key = block_of(one.dive, one.time_ns)
-                more = BlockEvidence(one.log_likelihood, one.dof, one.profiles)
+            if np.isfinite(innovation.log_likelihood):
+                key = block_of(innovation.dive, innovation.time_ns)
+                more = BlockEvidence(innovation.log_likelihood, innovation.dof, innovation.profiles)
                 evidence[key] = evidence.get(key, BlockEvidence()) + more
         return replace(
             self,

@@ -421,10 +421,8 @@ def _backgrounds(mean: PathMean, step: Step) -> Array:
     if found is None or used is None or not np.any(used):
         return _UNKNOWN
     # the mean on both axes turns local ones to true ones
-    turn, each = (
-        complex(*mean.used) / complex(*used),
-        (found.prior_innovation, step.dive_innovation),
-    )
+    turn = complex(*mean.used) / complex(*used)
+    each = (found.prior_innovation, step.dive_innovation)
     predicted = np.stack([used - (one[0] if one.shape == (1, 2) else np.nan) for one in each])
     turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
     return np.column_stack([turned.real, turned.imag])

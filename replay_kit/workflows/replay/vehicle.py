@@ -44,7 +44,7 @@ class Setup:
 
 
 @dataclass(slots=True, eq=False)
-class OfVehicle:
+class VehicleRun:
     """Vehicle of a running replay: its setup, and the states of all stages, which are replaced as it goes on.
 
     Attributes:

@@ -9,7 +9,7 @@ from replay_kit.estimator.update.evidence import (
     Marginal,
     fitted_scale,
     member_centre,
-    of_scales,
+    scale_changes,
     with_marginal,
     with_mean,
     with_variance,
@@ -58,7 +58,7 @@ def test_the_evidence_is_the_ratio_of_densities():
     expected = [[conditioned(h, m)[2] - DENSITY for m in means] for h in variances]
     np.testing.assert_allclose(MARGINAL.evidence(variances, means), expected, atol=1e-10)
     of_variances = [conditioned(h)[2] - DENSITY for h in variances]
-    misfit, determinant, explained = of_scales(X[PART], np.tril(P[PART, PART]), variances)
+    misfit, determinant, explained = scale_changes(X[PART], np.tril(P[PART, PART]), variances)
     np.testing.assert_allclose(-0.5 * (misfit + determinant), of_variances, atol=1e-10)
     assert explained == pytest.approx(X[PART] @ np.linalg.solve(P[PART, PART], X[PART]))
 

@@ -153,7 +153,7 @@ def test_vehicles_far_apart_are_each_as_alone(fleet):
         np.testing.assert_allclose(
             weights(estimator, together), weights(estimator, alone), rtol=0.0, atol=1e-10
         )
-        assert len(estimator.of_own(together).states) == len(alone.states) == 1
+        assert len(estimator.own_window(together).states) == len(alone.states) == 1
 
 
 def test_each_measurement_counts_once_in_every_window_that_holds_it(fleet):

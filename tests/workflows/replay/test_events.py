@@ -174,9 +174,9 @@ def test_a_group_ends_where_another_vehicles_event_is_later_than_it_may_last():
     grouping = Grouping(1e-6, seconds=60.0)
     assert items(events, grouping, 0, [(70 * SECOND, 1)])[1] == 3
     (item,), _ = items(events, grouping, 0, [(30 * SECOND, 1), (70 * SECOND, 1)])
-    assert (item.due_ns, item.of, len(item.event)) == (70 * SECOND, 1, 3)
+    assert (item.due_ns, item.closed_by, len(item.event)) == (70 * SECOND, 1, 3)
     found, waiting = items(events, grouping, 0, [(60 * SECOND, 1)])
     assert (found, waiting) == ([], 0)
     late = Events.of(block_of([*log, replace(log[0], time_ns=80 * SECOND)]), ())
     (item, _), _ = items(late, grouping, 0, [(70 * SECOND, 1)], last=True)
-    assert (item.due_ns, item.of) == (70 * SECOND, 1)
+    assert (item.due_ns, item.closed_by) == (70 * SECOND, 1)

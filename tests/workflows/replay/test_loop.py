@@ -85,7 +85,7 @@ def planned(events, finds=False, concluded=False, **settings):
     run.last_ns = events[-1].time_ns
     run.finish()
     if concluded:
-        end(run, run.of[0])
+        end(run, run.vehicles[0])
     return asked.calls
 
 

@@ -94,7 +94,7 @@ def check_inputs(
 
     deque(inputs.played(run, messages()), 0)
     useless_of(run, inputs)
-    return forecasts, run.of[0].monitoring.findings
+    return forecasts, run.vehicles[0].monitoring.findings
 
 
 class _Screen(Estimator[None]):
@@ -115,9 +115,9 @@ class _Screen(Estimator[None]):
         """Return the screened observations."""
         grid, found = self._forecasts.ensemble.grid, list[Stepped[None]]()
         for event in block:
-            ((one,), _) = screened([event], grid, relative=self.supports_path_means)
-            accepted = one.is_used or _in_later_window(one, self._forecasts)
-            found.append(Stepped(event, None, None, replace(one.unused(0), accepted=accepted)))
+            ((group,), _) = screened([event], grid, relative=self.supports_path_means)
+            accepted = group.is_used or _in_later_window(group, self._forecasts)
+            found.append(Stepped(event, None, None, replace(group.unused(0), accepted=accepted)))
             if isinstance(event, Profiles):
                 self._on_profile(event, accepted)
         return None, found
@@ -136,11 +136,11 @@ class _OfProfiles(_Screen):
     supports_path_means = False
 
 
-def _in_later_window(one: Screened, forecasts: Forecasts) -> bool:
+def _in_later_window(group: Screened, forecasts: Forecasts) -> bool:
     """Return whether an observation lies in a window that is read once the vehicle reaches it."""
-    region, place = forecasts.region, tuple(one.columns[n][-1] for n in ("longitude", "latitude"))
-    if one.linear is not None:
-        place = one.linear.longitude[-1], one.linear.latitude[-1]
+    region, place = forecasts.region, tuple(group.columns[n][-1] for n in ("longitude", "latitude"))
+    if group.linear is not None:
+        place = group.linear.longitude[-1], group.linear.latitude[-1]
     if (
         region is None
         or not region.follows
@@ -148,8 +148,8 @@ def _in_later_window(one: Screened, forecasts: Forecasts) -> bool:
         or not inside(region.bounds, *place)
     ):
         return False
-    in_reach = one.columns["depth"] <= forecasts.ensemble.grid.levels[-1]
-    return not one.at_one_place or bool(np.any(usable(one.columns["flags"]) & in_reach))
+    in_reach = group.columns["depth"] <= forecasts.ensemble.grid.levels[-1]
+    return not group.at_one_place or bool(np.any(usable(group.columns["flags"]) & in_reach))
 
 
 # What the interpreter and the libraries take before the first array.

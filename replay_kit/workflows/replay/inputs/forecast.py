@@ -98,8 +98,8 @@ def read_forecasts(
         ForecastError: The ensemble cannot be used, or the region is narrower than a correlation length.
         ConfigError: A setting needs an estimator that changes, or fits the spread.
     """
-    own, asked = estimator_asked(config)
-    if (asked or config.time.window not in ("auto", 0.0)) and not own:
+    is_default, asked = estimator_asked(config)
+    if (asked or config.time.window not in ("auto", 0.0)) and not is_default:
         name = config.estimator.name
         what = name if name != OWN else f"preset {config.estimator.preset}"
         raise ConfigError(
@@ -111,12 +111,12 @@ def read_forecasts(
         if region is None
         else config.forecast.model_copy(update={"region": region.region})
     )
-    if own and (asked or config.time.scale == "auto"):
+    if is_default and (asked or config.time.scale == "auto"):
         series = read_series(found or path, part, near_ns=near_ns, place_at=place_at)
         evolves = asked or len(series) > 1
     else:
-        one = read_ensemble(found or path, part, near_ns=near_ns, place_at=place_at)
-        series, evolves = (one,), False
+        ensemble = read_ensemble(found or path, part, near_ns=near_ns, place_at=place_at)
+        series, evolves = (ensemble,), False
     if part.region is not None:
         length, grid = correlation_length(series[0]), series[0].grid
         widths = [float(np.ptp(axis)) for axis in (grid.east, grid.north)]
@@ -179,9 +179,9 @@ def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[
 
 def _too_few(config: RunConfig, n_members: int) -> tuple[str, ...]:
     """Return a warning on too few members to state errors from their spread; empty if the settings state an error."""
-    own = config.estimator
-    stated = own.preset == "default" and own.representation_error_std is not None
-    if own.name != OWN or n_members >= _LEAST_MEMBERS or stated:
+    settings = config.estimator
+    stated = settings.preset == "default" and settings.representation_error_std is not None
+    if settings.name != OWN or n_members >= _LEAST_MEMBERS or stated:
         return ()
     return (
         Caveat(

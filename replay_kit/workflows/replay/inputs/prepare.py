@@ -74,8 +74,10 @@ class Prepared:
     def accounts(self, run: Run) -> list[Account]:
         """Return the account of each vehicle's messages and observations so far."""
         return [
-            Account(of.counts, [log.report() for log in logs], merged, logs[0].input)
-            for of, logs, merged in zip(run.of, self.logs.by_vehicle, self.logs.merged, strict=True)
+            Account(vehicle.counts, [log.report() for log in logs], merged, logs[0].input)
+            for vehicle, logs, merged in zip(
+                run.vehicles, self.logs.by_vehicle, self.logs.merged, strict=True
+            )
         ]
 
     def played(
@@ -146,14 +148,14 @@ def prepare(
     # goals out of reach are refused before the basis is computed
     each = list[tuple[Vehicle, RunConfig, PlanningProblem | None]]()
     for vehicle, own_logs in zip(job.each_vehicle, logs.by_vehicle, strict=True):
-        own, problem = with_planner_kind(vehicle, own_logs, config), None
+        settings, problem = with_planner_kind(vehicle, own_logs, config), None
         if vehicle.goal is not None and planner_of is not None:
-            planner = planner_of(own.planner, ensemble.grid)
+            planner = planner_of(settings.planner, ensemble.grid)
             check_goal(planner, ensemble, vehicle.goal, logs)
             later = () if job.following is None else job.following.goals
-            surface = own.measurements.surface_depth
-            problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, later)
-        each.append((vehicle, own, problem))
+            surface = settings.measurements.surface_depth
+            problem = PlanningProblem(planner, vehicle.goal, settings.planner, surface, later)
+        each.append((vehicle, settings, problem))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         if estimator is None:
@@ -161,12 +163,12 @@ def prepare(
             estimator = make(forecasts, config)
         prior_flow = estimator.flow(estimator.initial())
     setups = list[Setup]()
-    for number, (vehicle, own, problem) in enumerate(each):
+    for number, (vehicle, settings, problem) in enumerate(each):
         follows, expected, first = estimator, speeds, firsts.get(vehicle.name)
         if first is not None and forecasts.read is not None:
             follows = estimator.of_vehicle(number, first)
             expected = checked_speeds(forecasts.read(first), config)
-        setups.append(Setup(follows, own, problem, expected, vehicle.name))
+        setups.append(Setup(follows, settings, problem, expected, vehicle.name))
     # without a goal nothing reads the bathymetry
     bathymetry = config.planner.bathymetry_path if any(one.problem for one in setups) else None
     metadata = dict[str, Mapping[str, str]]()

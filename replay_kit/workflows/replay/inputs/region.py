@@ -129,8 +129,8 @@ def find_region(
         most = settings.window_points or window_points(extent, length, float(places[0, 1]))
         # only an estimate that is the project's own and static can be passed from window to window
         static = config.time.scale == "static" or not extent.has_several_times
-        own, changes = estimator_asked(config)
-        if points > most and not goals and static and own and not changes:
+        is_default, changes = estimator_asked(config)
+        if points > most and not goals and static and is_default and not changes:
             return _first_window(extent, places[0], margin, length, most)
         if points > _MOST * whole:
             return None
@@ -140,9 +140,9 @@ def find_region(
 
 def estimator_asked(config: RunConfig) -> tuple[bool, bool]:
     """Return whether settings ask for the project's own estimator as it is by default, and whether for one that changes in time."""
-    own, time = config.estimator, config.time
+    settings, time = config.estimator, config.time
     changes = time.scale not in ("auto", "static") or bool(time.oscillators or time.biases)
-    return (own.name, own.preset) == ("reduced_basis", "default"), changes
+    return (settings.name, settings.preset) == ("reduced_basis", "default"), changes
 
 
 def inside_extent(extent: Extent, places: Array) -> Array:

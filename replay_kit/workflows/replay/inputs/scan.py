@@ -118,9 +118,9 @@ class Logs:
                     "widen --start and --end, or leave it out"
                 )
             return self.reach.middle, self.reach.first_ns
-        for one in self._begun:
-            one.looked_at = True
-        each = (next(iter(merge([one], settings.reorder_window)), None) for one in self._begun)
+        for log in self._begun:
+            log.looked_at = True
+        each = (next(iter(merge([log], settings.reorder_window)), None) for log in self._begun)
         first_ns = min((message.time_ns for message in each if message is not None), default=None)
         return None, first_ns if first_ns is None else max(first_ns, settings.start_ns or first_ns)
 
@@ -132,13 +132,17 @@ class Logs:
         sums = np.zeros((2, 3), np.complex128)
         for times, block in self.measured():
             spans += [int(times.min()), int(times.max())]
-            for of, (kind, columns) in zip(
+            for sums_of_kind, (kind, columns) in zip(
                 sums, ((POSITION, block.position), (PING, block.ping)), strict=True
             ):
                 if (rows := block.events[block.events[:, 1] == kind, 2]).size:
                     places = np.stack([columns[name][rows] for name in ("longitude", "latitude")])
                     # on the unit circle, because longitudes may lie on both sides of the antimeridian
-                    of += rows.size, np.exp(1j * np.deg2rad(places[0])).sum(), places[1].sum()
+                    sums_of_kind += (
+                        rows.size,
+                        np.exp(1j * np.deg2rad(places[0])).sum(),
+                        places[1].sum(),
+                    )
                     cells = np.rint(places.T * _PER_DEGREE).astype(np.int64)
                     found |= dict.fromkeys(map(tuple, cells.tolist()))
                     deepest.append(float(np.fmax.reduce(columns["depth"][rows], None, initial=0.0)))
@@ -156,8 +160,8 @@ class Logs:
         """Yield the message times of each block [ns, UTC], and its measured events within the time span."""
         settings = self.config.logs
         stream, start_ns = begun(settings.system, settings.component), settings.start_ns
-        for one in self._begun:
-            one.rest = None
+        for log in self._begun:
+            log.rest = None
         messages = iter(merge(self.all, settings.reorder_window, start_ns, settings.end_ns))
         while read := next_block(messages):
             first = stream.order

@@ -37,21 +37,21 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
         LogError: A log cannot be opened.
     """
     vehicles = job.vehicles or _by_missions(job.logs, config)
-    if all(one.places or one.why_not for one in vehicles):
+    if all(vehicle.places or vehicle.why_not for vehicle in vehicles):
         return job
     held = dict[str, tuple[str, Path]]()
-    for one in vehicles:
-        if not _NAME.fullmatch(one.name) or one.name in RESERVED:
+    for vehicle in vehicles:
+        if not _NAME.fullmatch(vehicle.name) or vehicle.name in RESERVED:
             raise ConfigError(
-                f"vehicle '{one.name}': expected a name of letters, digits and _.-, none of {', '.join(RESERVED)}; choose another"
+                f"vehicle '{vehicle.name}': expected a name of letters, digits and _.-, none of {', '.join(RESERVED)}; choose another"
             )
-        for path in (file for log in one.logs for file in logs_in(log)):
+        for path in (file for log in vehicle.logs for file in logs_in(log)):
             if not path.exists():
-                raise LogError(f"{path} of {one.name}: file not found; correct its name")
-            name, other = held.setdefault(input_hash(path), (one.name, path))
-            if name != one.name:
+                raise LogError(f"{path} of {vehicle.name}: file not found; correct its name")
+            name, other = held.setdefault(input_hash(path), (vehicle.name, path))
+            if name != vehicle.name:
                 raise ConfigError(
-                    f"{path} of {one.name}: identical to {other} of {name}; a log is of one vehicle: leave one of them out"
+                    f"{path} of {vehicle.name}: identical to {other} of {name}; a log is of one vehicle: leave one of them out"
                 )
     if config.time.biases or job.against:
         what = "--against" if job.against else "time.biases"
@@ -59,22 +59,22 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
             f"{what}: expected the logs of one vehicle, got those of {len(vehicles)}; omit it, or replay each separately"
         )
     placed, begins = list[Vehicle](), dict[str, int]()
-    for one in sorted(vehicles, key=lambda one: one.name):
+    for vehicle in sorted(vehicles, key=lambda vehicle: vehicle.name):
         # in the order of a folder with them, then of content, however given
-        own = sorted(one.logs, key=lambda path: (in_folder(path), input_hash(path)))
-        one = replace(one, logs=tuple(own), goal=one.goal or job.goal)
-        if not one.why_not:
-            reach = Logs([one.logs], config).reach
+        in_order = sorted(vehicle.logs, key=lambda path: (in_folder(path), input_hash(path)))
+        vehicle = replace(vehicle, logs=tuple(in_order), goal=vehicle.goal or job.goal)
+        if not vehicle.why_not:
+            reach = Logs([vehicle.logs], config).reach
             some = reach.places[:: max(1, len(reach.places) // _SHOWN)]
             places = tuple((float(east), float(north)) for east, north in some)
-            why = "no position in its logs, so it is not used; the others are replayed"
+            why = "no position in its logs, so it is not used"
             if places and reach.first_ns is not None:
-                begins[one.name], why = reach.first_ns, ""
-            one = replace(one, places=places, why_not=why)
-        placed.append(one)
+                begins[vehicle.name], why = reach.first_ns, ""
+            vehicle = replace(vehicle, places=places, why_not=why)
+        placed.append(vehicle)
     if not begins:
         raise MeasurementError(
-            f"{some_text([one.name for one in placed])}: expected positions, no vehicle's logs hold any"
+            f"{some_text([vehicle.name for vehicle in placed])}: expected positions, no vehicle's logs hold any"
         )
     for name, first_ns in begins.items():
         # that of most vehicles must not be blamed for the times of one
@@ -85,7 +85,7 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
                 f"{name}: begins at {time_text(first_ns)}, the nearest of the others at {time_text(begin_ns)}: measurements of different "
                 "years do not share an estimate; replay it separately, or correct its clock"
             )
-    logs = tuple(path for one in placed if not one.why_not for path in one.logs)
+    logs = tuple(path for vehicle in placed if not vehicle.why_not for path in vehicle.logs)
     return replace(job, vehicles=tuple(placed), logs=logs, goal=None)
 
 
@@ -109,7 +109,7 @@ def _by_missions(logs: Sequence[Path], config: RunConfig) -> tuple[Vehicle, ...]
             f"{some_text(unknown)}: the logs are of {some_text(sorted(stated))}, and this one does not state its vehicle; name "
             f"it with --as {min(stated)}={unknown[0]}, and name the logs of the others too"
         )
-    return tuple(Vehicle(name, tuple(own)) for name, own in sorted(stated.items()))
+    return tuple(Vehicle(name, tuple(of_vehicle)) for name, of_vehicle in sorted(stated.items()))
 
 
 def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
@@ -121,15 +121,15 @@ def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
     region, found = forecasts.region, dict[str, Region]()
     follows = region if region is not None and region.follows else None
     box = bounds_of(forecasts.ensemble.grid) if follows is None else follows.bounds
-    for one in job.vehicles:
-        held = [place for place in one.places if inside(box, *place)]
+    for vehicle in job.vehicles:
+        held = [place for place in vehicle.places if inside(box, *place)]
         if held and follows is not None:
-            found[one.name] = follows.about(held[0])
-        elif one.places and not held:
-            longitude, latitude = one.places[-1]
+            found[vehicle.name] = follows.about(held[0])
+        elif vehicle.places and not held:
+            longitude, latitude = vehicle.places[-1]
             anew = ", or delete the folder of states: the first logs chose the region"
             raise MeasurementError(
-                f"{one.name}: was at {latitude:.2f} N, {longitude:.2f} E, outside the region of the forecast, so it "
-                f"cannot share the estimate; replay it separately, with a forecast of its place{anew if job.following else ''}"
+                f"{vehicle.name}: was at {latitude:.2f} N, {longitude:.2f} E, outside the region of the forecast; "
+                f"replay it separately, with a forecast of its place{anew if job.following else ''}"
             )
     return found
