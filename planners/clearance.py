@@ -34,7 +34,7 @@ class Violation:
     latitude: float
 
 
-def check(task: Task, flight: Flight, margin: float = 0.0) -> Violation | None:
+def first_violation(task: Task, flight: Flight, margin: float = 0.0) -> Violation | None:
     """Return the first constraint violation of a path, or None.
 
     Segments must clear every ring and stay above the bottom at all depths; at the surface also areas that forbid surfacing.

@@ -19,7 +19,7 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import grid_bearing_of_true_north
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Odds, Plan
-from replay_kit.core.region import collection_file, feature, positions
+from replay_kit.core.region import collection_file, continuous_positions, feature
 from replay_kit.core.surfacing import ON_LEG
 from replay_kit.core.words.text import csv_text
 
@@ -237,9 +237,9 @@ def _geojson(waypoints: Waypoints) -> str:
     """Return the waypoints as point features, and the surfacings between them as one multi-point feature."""
     near = float(waypoints.longitude[0])
     about = {name: value for name, value in waypoint_json(waypoints).items() if name != "waypoints"}
-    surfacings = positions(waypoints.surfacings[:, 0], waypoints.surfacings[:, 1], near)
+    surfacings = continuous_positions(waypoints.surfacings[:, 0], waypoints.surfacings[:, 1], near)
     features = [feature("MultiPoint", surfacings, {"name": "surfacings on the way", **about})]
-    at = positions(waypoints.longitude, waypoints.latitude, near)
+    at = continuous_positions(waypoints.longitude, waypoints.latitude, near)
     for place, row in zip(at, waypoint_rows(waypoints), strict=True):
         features.append(feature("Point", place, {"name": f"waypoint {row['waypoint']}", **row}))
     return collection_file(features)

@@ -12,7 +12,7 @@ from planners.program.solution import (
     is_feasible,
     lacking_energy,
     overtime,
-    staying,
+    staying_mission,
 )
 from planners.program.starts import Answer, search
 from planners.program.words import horizon_text, outcome_text, tried_text
@@ -50,7 +50,9 @@ def plan_mission(
     task = task_of(flow, request)
     if not task.is_finite:
         message = "the current is not a number; check the estimate's latent velocities"
-        return _plan_of(task, Answer(staying(task), [], None), "failed", message, {"attempts": 0})
+        return _plan_of(
+            task, Answer(staying_mission(task), [], None), "failed", message, {"attempts": 0}
+        )
     return to_plan(task, search(task, warm))
 
 

@@ -14,12 +14,12 @@ import shapely
 from numpy.typing import NDArray
 
 from planners.hazards.areas import NoGo
-from planners.odds.mission import currents_of_estimate, latest, route_of_plan, task_of_plan
+from planners.odds.mission import currents_of_estimate, latest_arrival, route_of_plan, task_of_plan
 from planners.odds.steer import steer
 from planners.plan import plan_mission
 from planners.request import MissionPlan, MissionRequest
 from planners.route.current import Complex
-from planners.route.front import sea_of, spread
+from planners.route.front import sea_of, spread_front
 from planners.route.obstacles import obstacles_of
 from planners.route.passage import mean_current
 from planners.simulation.currents import Flow, Sample, first_of
@@ -87,7 +87,7 @@ class JointMissions:
     flown: tuple[Motion, ...] = ()
 
 
-def nearest(first: Motion, second: Motion) -> tuple[Array, Array]:
+def nearest_approach(first: Motion, second: Motion) -> tuple[Array, Array]:
     """Return the smallest distance of two vehicles in K currents, shape (K,) [m], and its time [s]."""
     found = [_nearest(first.in_current(k), second.in_current(k)) for k in range(len(first.places))]
     distances, times = zip(*found, strict=True)
@@ -236,8 +236,8 @@ def _judged(
     flown = tuple(known.get(one[0]) or _flown(flow, samples, *one) for one in made if samples)
     found = list[Nearness]()
     for i, j in combinations(range(len(made)), 2):
-        (distance,), (when,) = nearest(planned[i], planned[j])
-        near = nearest(flown[i], flown[j])[0] < separation if samples else [np.nan]
+        (distance,), (when,) = nearest_approach(planned[i], planned[j])
+        near = nearest_approach(flown[i], flown[j])[0] < separation if samples else [np.nan]
         share = float(np.mean(near))
         found.append(Nearness((i, j), float(distance), round(float(when) * 1e9), share))
     plans, requests = zip(*made, strict=True)
@@ -253,7 +253,7 @@ def share_of_nearer(
 ) -> float:
     """Return the fraction of samples in which two vehicles come nearer than a separation [m]."""
     one, other = (_flown(flow, samples, joint.plans[k], joint.requests[k]) for k in vehicles)
-    return float(np.mean(nearest(one, other)[0] < separation))
+    return float(np.mean(nearest_approach(one, other)[0] < separation))
 
 
 def _flown(
@@ -265,7 +265,9 @@ def _flown(
         return Motion(still.times, np.repeat(still.places, len(samples), axis=0))
     task = task_of_plan(flow, plan, request)
     currents = currents_of_estimate(flow, samples, plan.settings.depth)
-    flights = steer(task, currents, route_of_plan(task, plan), latest(plan.settings, plan.duration))
+    flights = steer(
+        task, currents, route_of_plan(task, plan), latest_arrival(plan.settings, plan.duration)
+    )
     times = plan.start_time_ns / 1e9 + flights.time
     return Motion(times, flights.place[..., 0] + 1j * flights.place[..., 1])
 
@@ -297,7 +299,7 @@ def times_to_goals(
             obstacles_of(dives, task.settings.margin, task.places),
         )
         start, nowhere = np.array([mean.current.places.size]), np.zeros(0, dtype=np.intp)
-        front = spread(sea, start, np.zeros(1), task.longest, nowhere)
+        front = spread_front(sea, start, np.zeros(1), task.longest, nowhere)
         times[k] = front.times[start[0] + 1 : start[0] + 1 + len(goals)]
     return times
 

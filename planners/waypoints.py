@@ -11,12 +11,12 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from planners.clearance import Violation, check
+from planners.clearance import Violation, first_violation
 from planners.hazards.areas import Ring, first_crossing
 from planners.odds.mission import (
     MissionOdds,
     currents_of_estimate,
-    latest,
+    latest_arrival,
     mission_odds,
     odds_of,
     task_of_plan,
@@ -180,11 +180,14 @@ def _best_radius(
     for times in _RADII:
         route = _route(plan, places, kept, times * goal)
         flown = steer(
-            task, task.currents, replace(route, told=told), latest(plan.settings, plan.duration)
+            task,
+            task.currents,
+            replace(route, told=told),
+            latest_arrival(plan.settings, plan.duration),
         )
         crossed = (_violation(task, flown, k, margin) for k in range(len(told)))
         waypoints = _List(kept, route, flown, next(filter(None, crossed), None))
-        odds = odds_of(task, currents, route, latest(plan.settings, plan.duration))
+        odds = odds_of(task, currents, route, latest_arrival(plan.settings, plan.duration))
         found.append((odds.succeeded + waypoints.serves, waypoints))
         if odds.succeeded == 1.0 and waypoints.serves:
             break
@@ -195,7 +198,7 @@ def _violation(task: Task, flown: Flights, number: int, margin: float) -> Violat
     """Return the first violation of a flight, or its unchecked part if constraints exist; otherwise None."""
     leg, ends = np.s_[number : number + 1], flown.ups + DRIFT_STEPS
     place, depth, time = flown.place[leg], flown.depth[number], flown.time[leg]
-    found = check(task, Flight(time, depth, place, flown.dive, ends), margin)
+    found = first_violation(task, Flight(time, depth, place, flown.dive, ends), margin)
     deepest = float(depth.max())
     if found is not None or np.isfinite(flown.arrived[number]):
         return found

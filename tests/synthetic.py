@@ -8,7 +8,7 @@ import xarray as xr
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, Source
-from replay_kit.forecast.grids.horizontal import local_grid, turn_to_local, turned
+from replay_kit.forecast.grids.horizontal import local_grid, turn_to_local, turned_velocity
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 
@@ -91,7 +91,7 @@ def in_local_frame(axes, levels, velocity) -> Ensemble:
     longitude, latitude = np.meshgrid(*axes)
     grid = local_grid(longitude, latitude, levels, np.ones(velocity.shape[2:], bool), None)
     turn = turn_to_local(grid.projection, longitude, latitude, "true")
-    return Ensemble(grid, turned(velocity, turn), None, "synthetic")
+    return Ensemble(grid, turned_velocity(velocity, turn), None, "synthetic")
 
 
 def profile(grid, east, north, depth, velocity, std=0.05, time_ns=0, dive=0) -> Observation:

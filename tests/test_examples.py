@@ -22,7 +22,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.netcdf.dialects import dialect_of
 from replay_kit.logs.tables import schemas
 from replay_kit.measurements.checks.check import added_checks
-from replay_kit.measurements.observed import begun
+from replay_kit.measurements.observed import new_stream
 from tests import synthetic
 from tests.measurements.samples import interpret_block
 from tests.places import ROOT
@@ -76,7 +76,7 @@ def test_each_kind_is_found_where_the_project_looks_for_it():
         Message(7, "/radial", "example/Radial", payload | {"error": error}, 0, k)
         for k, error in enumerate((0.05, 0.0))
     ]
-    _, ((_, given), (skipped,)) = interpret_block(begun(), messages, MeasurementConfig())
+    _, ((_, given), (skipped,)) = interpret_block(new_stream(), messages, MeasurementConfig())
     assert (given.time_ns, given.source.topic) == (7, "/radial")
     np.testing.assert_allclose([*given.value[0], *given.components[0]], [0.3, 1.0, 0.0], atol=1e-15)
     assert skipped.reason == "radial without an error"

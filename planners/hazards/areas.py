@@ -188,7 +188,7 @@ def _densified(corners: Array) -> tuple[Array, ...]:
     return (np.concatenate(straight), np.concatenate(shortest)) if longest else (corners,)
 
 
-def joined(rings: Sequence[Ring]) -> tuple[Ring, ...]:
+def joined_rings(rings: Sequence[Ring]) -> tuple[Ring, ...]:
     """Return the union of rings whose insides are forbidden, with one name."""
     if not rings:
         return ()

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.hazards.areas import NoGo, Ring, joined, no_go_rings
+from planners.hazards.areas import NoGo, Ring, joined_rings, no_go_rings
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import border, inside_grid, outline, to_local, wet_above
@@ -54,7 +54,7 @@ class Region:
         return f"{twice}the deepest level, {self.grid.levels[-1]:g} m"
 
 
-def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
+def widened_mask(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
     """Return a mask, shape (J, I), dilated by a number of rows and columns."""
     # as scipy's maximum_filter, which loads slowly
     for axis in (0, 1):
@@ -289,9 +289,9 @@ class Bottom:
         rings = list[Ring]()
         for grid in self.grids:
             shallow = grid.limit < depth
-            cells = np.argwhere(shallow & widened(~shallow, 1))
+            cells = np.argwhere(shallow & widened_mask(~shallow, 1))
             name = grid.name or f"shallower than {depth + self.clearance:g} m"
-            rings += joined([Ring(corners, False, name) for corners in grid.polygons(cells)])
+            rings += joined_rings([Ring(corners, False, name) for corners in grid.polygons(cells)])
         return tuple(rings)
 
 
@@ -355,7 +355,7 @@ def _cells_of(region: Region, bathymetry: Bathymetry, clearance: float) -> tuple
         )
     points = np.stack(to_local(region.grid.projection, longitude, latitude), axis=-1)
     low, high = region.grid.ends
-    inside = widened(np.all((points >= low) & (points <= high), axis=-1), 1)
+    inside = widened_mask(np.all((points >= low) & (points <= high), axis=-1), 1)
     # a bathymetry coarser than the region has no point in it, and is kept whole
     rows, columns = (
         (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))

@@ -61,7 +61,7 @@ class MissionOdds:
         violations: Fraction of violating flights by hazard.
         ellipses: Ellipses of the legs' ends, shape (L, 5), see ``ellipses_of``.
         next_surfacing: Ellipse of the next surfacing, shape (5,).
-        forgiving: Heading range of each leg, shape (L, 2), see ``forgiving``.
+        forgiving: Heading range of each leg, shape (L, 2), see ``forgiving_headings``.
     """
 
     flights: Flights
@@ -107,11 +107,11 @@ def mission_odds(
     """
     task = task_of_plan(flow, plan, request)
     flown = route_of_plan(task, plan) if route is None else route
-    deadline = latest(plan.settings, plan.duration)
+    deadline = latest_arrival(plan.settings, plan.duration)
     found = odds_of(task, currents_of_estimate(flow, samples, plan.settings.depth), flown, deadline)
     count = len(plan.headings_deg)
     if count and not plan.is_moored:
-        found = replace(found, forgiving=forgiving(task, plan, flown, deadline))
+        found = replace(found, forgiving=forgiving_headings(task, plan, flown, deadline))
     if len(samples) < 3:
         return found
     ends = found.flights.surfacings
@@ -134,7 +134,7 @@ def next_surfacing(
     )
 
 
-def latest(settings: MissionSettings, duration: float) -> float:
+def latest_arrival(settings: MissionSettings, duration: float) -> float:
     """Return the latest arrival for a mission duration [s since the start]."""
     return settings.arrive_by if settings.arrive_by < inf else LATEST * duration
 
@@ -221,7 +221,7 @@ def route_along(
     return Route(places, angles, depths, heading, task.goals, np.array(goal_legs), radius)
 
 
-def forgiving(task: Task, plan: MissionPlan, route: Route, deadline: float) -> Array:
+def forgiving_headings(task: Task, plan: MissionPlan, route: Route, deadline: float) -> Array:
     """Return the heading range around the planned one with which each leg still arrives, shape (L, 2) [degrees].
 
     Later legs are steered in the estimate, with one dive more than planned allowed; NaN if the planned heading does not arrive.

@@ -10,13 +10,13 @@ import numpy as np
 from planners.odds.mission import (
     MissionOdds,
     currents_of_estimate,
-    latest,
+    latest_arrival,
     odds_of,
     route_along,
 )
 from planners.plan import plan_mission, to_plan
-from planners.program.legs import AGAIN, as_passage, cut
-from planners.program.solution import Solution, again, is_feasible
+from planners.program.legs import AGAIN, as_passage, cut_route
+from planners.program.solution import Solution, flown_again, is_feasible
 from planners.program.starts import Search, search
 from planners.request import MissionPlan, MissionRequest
 from planners.simulation.currents import Currents, Flow, Sample
@@ -82,7 +82,7 @@ def plan_by_odds(
     fixed = allowed is None and request.settings.legs is not None
     if not first.count or answer.beyond or not is_feasible(task, first) or fixed:
         return to_plan(task, answer)
-    deadline, tried = latest(request.settings, first.seconds), list(answer.tried)
+    deadline, tried = latest_arrival(request.settings, first.seconds), list(answer.tried)
     quickest = _judged(task, currents, first, deadline)
     if allowed is None:
         best, name = _most_arriving(task, currents, quickest, deadline, tried), "odds_costs_h"
@@ -155,8 +155,8 @@ def _with_more_legs(task: Task, first: Solution) -> Iterator[Solution]:
     for count in sorted(counts):
         if count > task.settings.most_legs:
             return
-        found = again(
-            one.attempt(cut(first.task, f"longer{AGAIN}", as_passage(before), count, depth))
+        found = flown_again(
+            one.attempt(cut_route(first.task, f"longer{AGAIN}", as_passage(before), count, depth))
         )
         if is_feasible(task, found):
             before = found

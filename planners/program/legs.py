@@ -17,7 +17,7 @@ _SPACING, _STEP, _CORNER = 50.0, 5.0, 0.15
 MOST_LEGS, AGAIN = 150, " again"
 
 
-def cut(task: Task, name: str, way: Passage, count: int, depth: float) -> Start:
+def cut_route(task: Task, name: str, way: Passage, count: int, depth: float) -> Start:
     """Return a route divided into legs of equal duration."""
     lasts = float(way.route.times[-1])
     angles = np.full(count, task.angle_of(lasts / count, depth))
@@ -52,7 +52,7 @@ def lines_of(route: Route, ends: Array) -> Array:
     return route.at(at.ravel()).reshape(_POINTS, -1, 2).transpose(1, 0, 2)
 
 
-def straight(start: Array, ends: Array) -> Array:
+def straight_lines(start: Array, ends: Array) -> Array:
     """Return the lines of straight legs from a start to their ends, shape (L, 2) [m]."""
     points = np.vstack([start[None, :2], ends])
     share = np.linspace(0.0, 1.0, _POINTS)[None, :, None]

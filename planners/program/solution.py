@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.clearance import Violation, check
+from planners.clearance import Violation, first_violation
 from planners.program.graph import HOUR, KM
 from planners.request import Found, Line, Mooring
 from planners.simulation.fly import COARSE, Flight, Legs, Path, fly_leg
@@ -98,7 +98,7 @@ class Solution:
         return float(self.task.vehicle.energy(self.seconds, apogees, self.legs.drifts.sum()))
 
 
-def again(found: Solution) -> Solution:
+def flown_again(found: Solution) -> Solution:
     """Return a solution with its legs simulated in sequence.
 
     A fixed-point iteration over all legs at once, each from the previous one's last end. It contracts by the change of the current over a
@@ -115,11 +115,11 @@ def again(found: Solution) -> Solution:
         before, ends = ends, task.start[:2] + np.cumsum(path.places[-1] - begins, axis=0)
         if np.max(np.abs(ends - before)) < _STILL:
             break
-    flight = joined(path, task.start_time)
-    return judged(task, found.start, legs, flight, found.goal_legs, found.solved)
+    flight = joined_flight(path, task.start_time)
+    return judged_solution(task, found.start, legs, flight, found.goal_legs, found.solved)
 
 
-def judged(
+def judged_solution(
     task: Task,
     start: Start | None,
     legs: Legs,
@@ -137,10 +137,12 @@ def judged(
             away = np.linalg.norm(flight.place[0, close] - task.goals[j, :2], axis=1)
             points[j] = close[np.argmin(away)]
     miss = np.linalg.norm(flight.place[0, points] - task.goals[:, :2], axis=1)
-    return Solution(task, start, legs, flight, goal_legs, points, miss, check(task, flight), solved)
+    return Solution(
+        task, start, legs, flight, goal_legs, points, miss, first_violation(task, flight), solved
+    )
 
 
-def joined(path: Path, start_time: float) -> Flight:
+def joined_flight(path: Path, start_time: float) -> Flight:
     """Return simultaneously simulated legs as one flight, with small gaps between them."""
     count, legs = path.times.shape
     keep = np.ones((count, legs), dtype=bool)
@@ -153,7 +155,7 @@ def joined(path: Path, start_time: float) -> Flight:
     return Flight(flat[0][None], flat[1], np.asarray(places)[None], np.asarray(numbers), ends)
 
 
-def staying(task: Task) -> Solution:
+def staying_mission(task: Task) -> Solution:
     """Return the mission without legs that stays at its start."""
     none, nothing = np.zeros(0), np.zeros(0, dtype=int)
     at = task.start[None, None, :2]

@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 
 from planners.program.graph import HOUR, KM, PLANES, Program, Shape, Water, program
-from planners.program.solution import Solution, Solved, Start, again, joined, judged
+from planners.program.solution import (
+    Solution,
+    Solved,
+    Start,
+    flown_again,
+    joined_flight,
+    judged_solution,
+)
 from planners.program.walls import Segments, Walls
 from planners.request import Line, Mooring
 from planners.simulation.fly import COARSE, DRIFT_STEPS, TURN, Legs, Path, fly_leg
@@ -249,7 +256,7 @@ class _Rounds:
             if settled or lost or astray:
                 break
         answer = self._solution(status, iterations)
-        return answer if settled else again(answer)
+        return answer if settled else flown_again(answer)
 
     def _solve(self, number: int, walled: bool) -> tuple[str, int, tuple[Array, Array, Array]]:
         """Solve the program; return IPOPT's status and iterations, and the segments' displacements, durations and ends."""
@@ -418,9 +425,9 @@ class _Rounds:
             depths=self.depths,
             defect=self.defect,
         )
-        flight = joined(self.path, self.task.start_time)
+        flight = joined_flight(self.path, self.task.start_time)
         how = Solved(self.walls.clearance(self.flown), iterations, status, self.steps)
-        return judged(task, start, self.commands, flight, self.start.goal_legs, how)
+        return judged_solution(task, start, self.commands, flight, self.start.goal_legs, how)
 
 
 def _along(path: Path, since: Array, k: int, at: Array) -> Array:

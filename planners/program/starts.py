@@ -6,27 +6,28 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from planners.hazards.domain import DEPTH_TOLERANCE
-from planners.program.legs import AGAIN, MOST_LEGS, as_passage, cut, cut_by_depth, straight
+from planners.program.legs import (
+    AGAIN,
+    MOST_LEGS,
+    as_passage,
+    cut_by_depth,
+    cut_route,
+    straight_lines,
+)
 from planners.program.solution import (
     Solution,
     Start,
-    again,
+    flown_again,
     is_feasible,
     length_of,
     ranking,
-    staying,
+    staying_mission,
 )
 from planners.program.solve import Solver
 from planners.request import Found, MissionPlan, Mooring
 from planners.route.bound import Bound, Limit, bound_of
 from planners.route.current import Route
-from planners.route.passage import (
-    MeanCurrent,
-    Passage,
-    mean_current,
-    passage,
-    wider,
-)
+from planners.route.passage import MeanCurrent, Passage, mean_current, passage, wider_passage
 from planners.task import LEAST_DIVE, Task
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
@@ -90,11 +91,11 @@ class Search:
         likely = int(np.ceil(ways[0][1].passed[-1] / task.leg_time(depth=depth) - 1e-6))
         count, held = settings.legs or max(min(likely, most), least), list[Solution]()
         for _ in range(_TRIES):
-            made = [self.attempt(cut(task, name, way, count, depth)) for name, way in ways]
+            made = [self.attempt(cut_route(task, name, way, count, depth)) for name, way in ways]
             held = [one for one in made if is_feasible(task, one)]
             if held or settings.legs is not None or task.is_late or count == most:
                 break
-            count = min(count + lacking(min(made, key=lambda one: ranking(task, one))), most)
+            count = min(count + lacking_legs(min(made, key=lambda one: ranking(task, one))), most)
         best = min(held, key=lambda one: ranking(task, one), default=None)
         if best is None or settings.legs is not None:
             return
@@ -119,7 +120,7 @@ class Search:
             count = settings.max_legs
         count = settings.legs or max(count, len(task.goals))
         if deep:
-            self.attempt(cut(task, "nearest", way, count, settings.depth))
+            self.attempt(cut_route(task, "nearest", way, count, settings.depth))
             return
         for part in _PARTS:
             lasts = part * float(way.passed[-1])
@@ -129,7 +130,7 @@ class Search:
             if (start := cut_by_depth(task, "nearest", nearer, 1.0)) is not None:
                 self.attempt(start)
                 return
-        self.attempt(cut(task, "nearest", way, count, LEAST_DIVE))
+        self.attempt(cut_route(task, "nearest", way, count, LEAST_DIVE))
 
     def recut(self, best: Solution, count: int, least: int, depth: float) -> Solution | None:
         """Return the solution with another number of legs along the same route; None if too few or not better.
@@ -145,7 +146,7 @@ class Search:
         name = f"{best.start.name.removesuffix(AGAIN)}{AGAIN}"
         if count < least or (name, count) in self.tried:
             return None
-        found = self.attempt(cut(task, name, as_passage(best), count, depth))
+        found = self.attempt(cut_route(task, name, as_passage(best), count, depth))
         return (
             found
             if is_feasible(task, found) and ranking(task, found) < ranking(task, best)
@@ -174,7 +175,7 @@ class Search:
             pace *= 1.0 - min(max(1.2 * float(np.max(one.miss)) / length_of(one), 0.04), 0.3)
 
 
-def lacking(found: Solution) -> int:
+def lacking_legs(found: Solution) -> int:
     """Return the number of additional legs needed to cover the miss distance, at least one."""
     missed = float(np.max(found.miss)) / (length_of(found) / found.count)
     return max(int(np.ceil(min(missed, _AT_ONCE * found.count))), 1)
@@ -189,7 +190,7 @@ def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
     """
     if met := _met_at_start(task):
         if met == len(task.goals):
-            return Answer(staying(task), [], None)
+            return Answer(staying_mission(task), [], None)
         kept = tuple(range(met, len(task.goals)))
         rest = search(_to_some(task, kept), warm)
         return replace(_to_all(task, kept, rest), bound=rest.bound)
@@ -246,10 +247,10 @@ class Answer:
 def _taken(task: Task, found: Sequence[Solution]) -> Solution:
     """Return the best solution, with its legs simulated in sequence."""
     for one in sorted(found, key=lambda one: ranking(task, one)):
-        flown = again(one)
+        flown = flown_again(one)
         if is_feasible(task, flown) or not is_feasible(task, one):
             return flown
-    return again(min(found, key=lambda one: ranking(task, one)))
+    return flown_again(min(found, key=lambda one: ranking(task, one)))
 
 
 def _anew(search: Search, mean: MeanCurrent) -> None:
@@ -258,7 +259,7 @@ def _anew(search: Search, mean: MeanCurrent) -> None:
     places = np.vstack([task.start, task.goals])[:, :2]
     deep = bool(task.bottom.limit_at(places).min() >= depth)
     if deep and (route := passage(task, mean)).route.arrives:
-        wide = wider(task, mean, route)
+        wide = wider_passage(task, mean, route)
         search.sweep([("front", route), *([] if wide is None else [("wide", wide)])], depth)
     if deep and search.found:
         _in_range(search)
@@ -331,7 +332,7 @@ def _rest(task: Task, warm: MissionPlan) -> list[Solution]:
         return []
     projection = task.region.grid.projection
     ends = np.column_stack(to_local(projection, *warm.surfacings[flown:].T))
-    lines = straight(task.start, ends)
+    lines = straight_lines(task.start, ends)
     depths = np.array([max(leg[1:]) for leg in warm.yo_depths[flown:]])
     if np.any(depths < task.settings.depth) and len(depths) > 1 and task.settings.depths is None:
         depths = np.minimum(depths, task.settings.depth)
@@ -363,7 +364,7 @@ def _moored(task: Task) -> Answer:
     for hop in (0.0, 0.5 * max(along[best] - speed, 0.0) * lasts[best]):
         side = hop * (-1.0) ** np.arange(count)
         ends = place + np.column_stack([side, np.zeros(count)])
-        lines = straight(task.start, ends)
+        lines = straight_lines(task.start, ends)
         flat = np.full(count, angles[best]), np.full(count, settings.depth)
         search.attempt(Start("held" if hop == 0.0 else "hops", lines, *flat, (count,)))
     return Answer(_taken(task, search.found), search.found, None)
@@ -377,7 +378,7 @@ def _glide(task: Task) -> Answer:
     for share in _GLIDES:
         times = way.route.times * share
         longer = Passage(Route(way.route.points, times, True), way.passed * share)
-        search.attempt(cut(task, f"glide {share:g}", longer, 1, deepest))
+        search.attempt(cut_route(task, f"glide {share:g}", longer, 1, deepest))
         if is_feasible(task, search.found[-1]):
             break
     return Answer(_taken(task, search.found), search.found, None)

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from planners.route.current import Complex, CurrentLattice, shares_of_levels
-from planners.route.front import Front, sea_of, spread
+from planners.route.front import Front, sea_of, spread_front
 from planners.route.obstacles import as_complex, directions_around, obstacles_of
 from planners.route.passage import MeanCurrent, mean_current, relax
 from planners.task import LEAST_DIVE, Task, YoDepths, yo_depths
@@ -102,7 +102,7 @@ def bound_of(task: Task) -> tuple[MeanCurrent, Bound]:
         if np.any(np.abs(sea.places[seeds] - place) <= radii[k + 1]):
             seeds = goals
             continue
-        front = spread(sea, seeds, np.full(seeds.size, now), until, goals)
+        front = spread_front(sea, seeds, np.full(seeds.size, now), until, goals)
         best, slowest = int(goals[np.argmin(front.times[goals])]), _TRUSTED * water.speed
         if not front.times[best] <= most / _STRONG_ERROR:
             # with more legs than it may have it might be reached
@@ -270,7 +270,9 @@ def limit_of(task: Task, current: CurrentLattice, speed: float, goal: int) -> Li
     obstacles = obstacles_of(task.solid(LEAST_DIVE), 0.0, task.places)
     sea, now = sea_of(still, speed, task.places[: goal + 2], obstacles), np.zeros(1)
     for number in current.places.size + np.arange(goal + 1):
-        now = spread(sea, np.array([number]), now, inf, np.array([number + 1])).times[[number + 1]]
+        now = spread_front(sea, np.array([number]), now, inf, np.array([number + 1])).times[
+            [number + 1]
+        ]
     if np.isinf(now[0]):
         return "ways"
     return "duration" if now[0] > task.settings.max_duration else "current"

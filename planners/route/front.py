@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.hazards.domain import widened
+from planners.hazards.domain import widened_mask
 from planners.route.current import Complex, CurrentLattice, Route, edge_durations
 from planners.route.obstacles import Obstacles
 from replay_kit.core.arrays import Array
@@ -118,7 +118,7 @@ class Front:
         met = np.zeros(current.values.shape[1:], dtype=bool)
         met[::divisions, ::divisions] = useful.reshape(current.shape)
         # beside points that are reached, too: what stops the front
-        met = widened(met, divisions)
+        met = widened_mask(met, divisions)
         times = np.flatnonzero(
             (np.append(current.times[1:], np.inf) > begins)
             & (np.append(-np.inf, current.times[:-1]) < until)
@@ -225,10 +225,10 @@ def _near(current: CurrentLattice, obstacles: Obstacles) -> NDArray[np.bool_]:
     )
     outline[rows, columns] = True
     # a point of the outline is no farther from its lattice point than one line, nor from the next point of the outline
-    return widened(outline, _REACH + 2).ravel()
+    return widened_mask(outline, _REACH + 2).ravel()
 
 
-def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers) -> Front:
+def spread_front(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers) -> Front:
     """Return the front from seed points.
 
     Args:
@@ -267,7 +267,7 @@ def _strong(sea: Sea) -> NDArray[np.bool_]:
     """Return a mask of points with edges that may open later: a current nearby exceeds the vehicle's speed at some time."""
     found = np.ones(sea.places.size, dtype=bool)
     divisions = sea.current.divisions
-    strong = widened(
+    strong = widened_mask(
         np.max(np.abs(sea.current.values), axis=0) > 0.98 * sea.speed, _REACH * divisions
     )
     strong = strong[::divisions, ::divisions]

@@ -14,7 +14,7 @@ from planners.route.current import (
     shares_of_levels,
     spacing_over,
 )
-from planners.route.front import Sea, sea_of, spread
+from planners.route.front import Sea, sea_of, spread_front
 from planners.route.obstacles import as_complex, obstacles_of
 from planners.task import Task
 from replay_kit.core.arrays import Array
@@ -80,7 +80,9 @@ def passage(
     first, now, last = mean.current.places.size, 0.0, task.longest
     points, times, passed = [task.start[None, :2]], [np.zeros(1)], list[float]()
     for k in range(1, task.places.size):
-        front = spread(sea, np.array([first + k - 1]), np.array([now]), last, np.array([first + k]))
+        front = spread_front(
+            sea, np.array([first + k - 1]), np.array([now]), last, np.array([first + k])
+        )
         arrives = bool(np.isfinite(front.times[first + k]))
         number = first + k if arrives else front.nearest_to(complex(task.places[k]))
         route = relax(sea, front.route_to(number, now, arrives), now)
@@ -94,7 +96,7 @@ def passage(
     return Passage(Route(np.concatenate(points), np.concatenate(times), arrives), np.array(passed))
 
 
-def wider(task: Task, mean: MeanCurrent, quickest: Passage) -> Passage | None:
+def wider_passage(task: Task, mean: MeanCurrent, quickest: Passage) -> Passage | None:
     """Return the passage with the widest margin at little extra time; None if the fastest is clear of areas, land and shallows."""
     line = shapely.linestrings(quickest.route.points)
     solid = [ring for ring in task.solid(task.settings.depth) if not ring.outside]

@@ -58,14 +58,14 @@ class Courses:
 
     def at(self, times: Array) -> Array:
         """Return the velocities, shape (K, 2) [m/s], at times of shape (K,) or one for all [s]."""
-        first, share = between(self.times, times)
+        first, share = knot_before(self.times, times)
         rows, share = np.arange(len(self.velocity)), share[..., None]
         return np.asarray(
             (1.0 - share) * self.velocity[rows, first] + share * self.velocity[rows, first + 1]
         )
 
 
-def between(knots: Array, at: Array) -> tuple[NDArray[np.intp], Array]:
+def knot_before(knots: Array, at: Array) -> tuple[NDArray[np.intp], Array]:
     """Return the index of the knot before each time, and the fraction towards the next, clipped to [0, 1]."""
     first = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, max(knots.size - 2, 0))
     return first, np.clip((at - knots[first]) / (knots[first + 1] - knots[first]), 0.0, 1.0)
@@ -155,7 +155,7 @@ class Currents:
         now, count = np.broadcast_to(time, len(place)), len(place)
         weights = np.broadcast_to(of_levels, (count, of_levels.shape[-1]))
         if self.times is not None and self.times.size > 1:
-            (first, share), rows = between(self.times, now), np.arange(count)
+            (first, share), rows = knot_before(self.times, now), np.arange(count)
             of_times = np.zeros((count, self.times.size, weights.shape[1]))
             of_times[rows, first] = (1.0 - share)[:, None] * weights
             of_times[rows, first + 1] = share[:, None] * weights

@@ -12,11 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cyclopts import App, CycloptsError, Group, Parameter, Token
-from cyclopts.exceptions import (
-    MissingArgumentError,
-    UnknownOptionError,
-    UnusedCliTokensError,
-)
+from cyclopts.exceptions import MissingArgumentError, UnknownOptionError, UnusedCliTokensError
 
 from replay_kit.cli import console
 from replay_kit.cli.options import CHOICES, before_conversion

@@ -18,14 +18,7 @@ from pydantic import (
 )
 
 from replay_kit.config.estimation import ConsistencyConfig, GatingConfig, TimeConfig
-from replay_kit.config.file import (
-    Count,
-    NotNegative,
-    Positive,
-    Section,
-    explain,
-    read_toml,
-)
+from replay_kit.config.file import Count, NotNegative, Positive, Section, explain, read_toml
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.option import Option
 from replay_kit.config.plan import PlanRequest

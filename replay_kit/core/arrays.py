@@ -26,7 +26,7 @@ Values = NDArray[np.floating]
 IN_MEMORY = 1 << 30
 
 
-def every(holds: Any) -> Mask:
+def all_along(holds: Any) -> Mask:
     """Return the logical and along a short last axis, faster than numpy's ``all``."""
     return np.asarray(reduce(and_, np.moveaxis(holds, -1, 0)))
 

@@ -216,7 +216,7 @@ def distance(
     return _shaped(ellipsoid().inv, *places)[2]
 
 
-def offset(
+def to_local_about(
     longitude: Array, latitude: Array, to_longitude: Array, to_latitude: Array
 ) -> tuple[Array, Array]:
     """Return east and north [m], shapes (n,), of positions in the local frames about others: ``to_local`` with a projection per row."""
@@ -225,7 +225,9 @@ def offset(
     return np.asarray(metres * np.sin(angle)), np.asarray(metres * np.cos(angle))
 
 
-def moved(longitude: Array, latitude: Array, east: Array, north: Array) -> tuple[Array, Array]:
+def to_geographic_about(
+    longitude: Array, latitude: Array, east: Array, north: Array
+) -> tuple[Array, Array]:
     """Return longitudes and latitudes [degrees], shapes (n,), of local points [m] about positions: ``to_geographic`` by row."""
     azimuth, metres = heading_deg(east, north), np.hypot(east, north)
     to_longitude, to_latitude, _ = _shaped(ellipsoid().fwd, longitude, latitude, azimuth, metres)
@@ -259,7 +261,7 @@ def _contains(grid: Grid) -> Callable[..., Any]:
     return partial(shapely.contains_xy, polygon)
 
 
-def nearest(grid: Grid, places: Array, wet: bool = False) -> Indices:
+def nearest_node(grid: Grid, places: Array, wet: bool = False) -> Indices:
     """Return the index of the grid point nearest to each position, shape (..., 2) [m]; of ``nodes`` with ``wet``."""
     found = _points(grid, wet)(np.nan_to_num(places).reshape(-1, 2))
     return np.asarray(found).reshape(places.shape[:-1])
@@ -267,7 +269,7 @@ def nearest(grid: Grid, places: Array, wet: bool = False) -> Indices:
 
 def wet_above(grid: Grid, points: Array) -> Mask:
     """Return True where the nearest grid point is wet at the last level at or above points, shape (..., 3) [m]."""
-    levels, at = grid.levels, nearest(grid, points[..., :2])
+    levels, at = grid.levels, nearest_node(grid, points[..., :2])
     last = np.clip(np.searchsorted(levels, points[..., 2], "right") - 1, 0, levels.size - 1)
     return np.asarray(grid.wet.reshape(levels.size, -1)[last, at])
 

@@ -24,7 +24,7 @@ _SHARES = 10_000
 _FARTHEST = 89.0
 
 
-def around(places: ArrayLike, margin: float) -> Region:
+def box_around(places: ArrayLike, margin: float) -> Region:
     """Return the smallest box around positions and a margin.
 
     Args:
@@ -40,12 +40,12 @@ def around(places: ArrayLike, margin: float) -> Region:
     west, east = float(unwrapped.min()) - across, float(unwrapped.max()) + across
     if east - west >= 360.0:
         west, east = -180.0, 180.0
-    return rounded((west, max(south, -90.0), east, min(north, 90.0)))
+    return rounded_box((west, max(south, -90.0), east, min(north, 90.0)))
 
 
 def bounds_of(grid: Grid) -> Region:
     """Return the smallest box around the points of a grid."""
-    return around(np.column_stack([grid.longitude.ravel(), grid.latitude.ravel()]), 0.0)
+    return box_around(np.column_stack([grid.longitude.ravel(), grid.latitude.ravel()]), 0.0)
 
 
 def degree_of_longitude(latitude: float) -> float:
@@ -53,7 +53,7 @@ def degree_of_longitude(latitude: float) -> float:
     return DEGREE * float(np.cos(np.deg2rad(min(abs(latitude), _FARTHEST))))
 
 
-def rounded(region: Region) -> Region:
+def rounded_box(region: Region) -> Region:
     """Return a box rounded outwards, its longitudes in -180..180."""
     west, south = (floor(value * _SHARES) / _SHARES for value in region[:2])
     east, north = (ceil(value * _SHARES) / _SHARES for value in region[2:])
@@ -65,12 +65,12 @@ def _wrapped(longitude: float) -> float:
     return longitude if inside else round((longitude + 180.0) % 360.0 - 180.0, 4)
 
 
-def centre(region: Region) -> tuple[float, float]:
+def centre_of(region: Region) -> tuple[float, float]:
     """Return longitude and latitude of the centre of a box [degrees]."""
-    return _wrapped(region[0] + 0.5 * width(region)), 0.5 * (region[1] + region[3])
+    return _wrapped(region[0] + 0.5 * width_of(region)), 0.5 * (region[1] + region[3])
 
 
-def width(region: Region) -> float:
+def width_of(region: Region) -> float:
     """Return the extent of a box in longitude [degrees]."""
     return (region[2] - region[0]) % 360.0 or 360.0
 
@@ -83,18 +83,18 @@ def depth_inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> A
         longitude: Any shape [degrees].
         latitude: The same shape.
     """
-    middle, latitude = centre(region), np.asarray(latitude, dtype=np.float64)
-    along = 0.5 * width(region) - np.abs(unwrap_longitude(longitude, middle[0]) - middle[0])
+    middle, latitude = centre_of(region), np.asarray(latitude, dtype=np.float64)
+    along = 0.5 * width_of(region) - np.abs(unwrap_longitude(longitude, middle[0]) - middle[0])
     across = np.minimum(latitude - region[1], region[3] - latitude)
     return np.asarray(np.minimum(along * degree_of_longitude(middle[1]), across * DEGREE))
 
 
-def inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> Mask:
+def inside_box(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> Mask:
     """Return whether positions lie in a box; arguments as in ``depth_inside``."""
     return np.asarray(depth_inside(region, longitude, latitude) >= 0.0)
 
 
-def text(region: Region) -> str:
+def box_text(region: Region) -> str:
     """Return a box as text."""
     west, south, east, north = region
     return f"{west:g}..{east:g} E, {south:g}..{north:g} N"
@@ -105,7 +105,9 @@ Feature = dict[str, Any]
 _DIGITS = 7
 
 
-def positions(longitude: ArrayLike, latitude: ArrayLike, near: float) -> list[list[float]]:
+def continuous_positions(
+    longitude: ArrayLike, latitude: ArrayLike, near: float
+) -> list[list[float]]:
     """Return GeoJSON positions with longitudes within 180 degrees of ``near``, so that no line runs around the world."""
     places = np.column_stack([unwrap_longitude(longitude, near), np.asarray(latitude, np.float64)])
     return cast(list[list[float]], places.round(_DIGITS).tolist())

@@ -13,7 +13,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, VehicleState
 
 
-def apart(begin: Any, end: Any) -> tuple[float, float]:
+def offset_between(begin: Any, end: Any) -> tuple[float, float]:
     """Return the offset between two positions, true east and north [m]; both have longitude and latitude."""
     east, north = to_local(Projection(begin.longitude, begin.latitude), end.longitude, end.latitude)
     return float(east), float(north)
@@ -54,7 +54,7 @@ class Ellipse:
 
     def _axis_distances(self, longitude: float, latitude: float) -> tuple[float, float]:
         """Return the distances of a position from the centre along and across the major axis [m]."""
-        east, north = apart(self, Fix(0, longitude, latitude))
+        east, north = offset_between(self, Fix(0, longitude, latitude))
         bearing = radians(self.bearing_deg)
         return (
             east * sin(bearing) + north * cos(bearing),
@@ -144,7 +144,7 @@ def surfacing_outcome(planned_ns: int, predicted: Surfacing, fix: VehicleState) 
         predicted: Predicted surfacing.
         fix: Fix at which the vehicle surfaced.
     """
-    off, place = apart(predicted, fix), (fix.time_ns, fix.longitude, fix.latitude)
+    off, place = offset_between(predicted, fix), (fix.time_ns, fix.longitude, fix.latitude)
     return SurfacingOutcome(planned_ns, predicted, *place, hypot(*off), float(heading_deg(*off)))
 
 
@@ -226,7 +226,7 @@ class DiveOutcome:
     @property
     def off(self) -> tuple[float, float]:
         """Offset of the actual from the predicted position, true east and north [m]."""
-        return apart(self.forecast, self.fix)
+        return offset_between(self.forecast, self.fix)
 
     @property
     def in_inner(self) -> bool:
@@ -239,7 +239,7 @@ class DiveOutcome:
         return self.forecast.outer.holds(self.fix.longitude, self.fix.latitude)
 
 
-def record(off: Array, late: Array, errors: Array) -> float:
+def sequential_score(off: Array, late: Array, errors: Array) -> float:
     """Return the log score of sequential predictions, their stated errors scaled by earlier ones.
 
     Args:
@@ -264,7 +264,7 @@ _PLANNED, _HABIT = (600.0, 600.0), (0.03, 1200.0)
 _EDGE, _LAST, _ALIKE = 2.146, 3, 0.25
 
 
-def records(
+def prediction_scores(
     dives: Sequence[DiveOutcome], plans: Sequence[SurfacingOutcome]
 ) -> tuple[int, float, float]:
     """Return the number of surfacings predicted both by habit and by plans, and the log scores of habit and plans.
@@ -278,7 +278,7 @@ def records(
         if nearest is None or abs(nearest.time_ns - fix.time_ns) > _ALIKE * 1e9 * lasts:
             continue
         usual, speed = usual_seconds(dives[:k]), _flown(dives[k - 1])[0]
-        off = np.array(apart(start, fix)) - usual * speed
+        off = np.array(offset_between(start, fix)) - usual * speed
         ellipse, error = nearest.predicted.ellipse, _PLANNED[0]
         if ellipse is not None:
             error = max(sqrt(ellipse.major * ellipse.minor) / _EDGE, 1.0)
@@ -288,7 +288,8 @@ def records(
         rows.append((*by_habit, nearest.distance, nearest.late, error, _PLANNED[1]))
     found = np.array(rows).reshape(-1, 2, 4)
     habit, planned = (
-        record(columns[:, 0], columns[:, 1], columns[:, 2:]) for columns in found.swapaxes(0, 1)
+        sequential_score(columns[:, 0], columns[:, 1], columns[:, 2:])
+        for columns in found.swapaxes(0, 1)
     )
     return len(rows), habit, planned
 
@@ -302,7 +303,7 @@ def usual_seconds(dives: Sequence[DiveOutcome]) -> float:
 def _flown(dive: DiveOutcome) -> tuple[Array, float]:
     """Return the velocity over ground of a dive, shape (2,) [m/s], and its duration [s]."""
     seconds = (dive.fix.time_ns - dive.forecast.start.time_ns) / 1e9
-    return np.array(apart(dive.forecast.start, dive.fix)) / seconds, seconds
+    return np.array(offset_between(dive.forecast.start, dive.fix)) / seconds, seconds
 
 
 #: Scored surfacings from which ellipses are calibrated by them.
@@ -311,7 +312,7 @@ CALIBRATING = 19
 _HALF_LIFE_NS = 10 * 86_400_000_000_000
 
 
-def calibrated(forecast: DiveForecast, outcomes: Sequence[DiveOutcome]) -> DiveForecast:
+def calibrated_forecast(forecast: DiveForecast, outcomes: Sequence[DiveOutcome]) -> DiveForecast:
     """Return a forecast with ellipses scaled by the outcomes of earlier forecasts.
 
     Each ellipse is scaled by a weighted quantile of the factors that reach earlier surfacings, recent ones weighing more and the next one

@@ -23,7 +23,7 @@ from replay_kit.core.observation import Measurement
 from replay_kit.estimator.basis.embedding import embed
 from replay_kit.estimator.basis.modes import Basis, default_functions
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.estimator.build import independent
+from replay_kit.estimator.build import independent_process
 from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.interface import Estimator, Stepped, require_estimator
 from replay_kit.estimator.update.columns import Column, Observer
@@ -68,7 +68,7 @@ def _flow_filter(
     each[fields, levels, fields * n_levels + levels] = 1.0
     mean, variance = prior
     patterns = np.sqrt(variance)[:, None, None] * each
-    process = independent(ensemble.time_ns, np.tensordot(mean, each, 1), patterns)
+    process = independent_process(ensemble.time_ns, np.tensordot(mean, each, 1), patterns)
     nothing = np.zeros((n_levels, len(ensemble.grid.nodes)))
     error = nothing + (config.representation_error_std or 0.0)
     basis = Basis(

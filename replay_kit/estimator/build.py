@@ -93,12 +93,12 @@ def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator
     mean, variance = basis.member_weights.mean(axis=0), basis.member_weights.var(axis=0, ddof=1)
     factor = config.spread if isinstance(config.spread, float) else 1.0
     fixed = np.diag(np.sqrt(factor * variance).ravel()).reshape(-1, *mean.shape)
-    process = independent(ensemble.time_ns, mean, fixed)
+    process = independent_process(ensemble.time_ns, mean, fixed)
     observer = Observer(basis, process, basis.representation, stated_std=config.paper_error_std)
     return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
 
 
-def independent(time_ns: int | None, mean: Array, patterns: Array) -> Process:
+def independent_process(time_ns: int | None, mean: Array, patterns: Array) -> Process:
     """Return the process of constant unknowns with one depth function per level.
 
     Args:

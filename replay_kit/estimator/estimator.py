@@ -27,7 +27,7 @@ from replay_kit.estimator.update.columns import Column, Observer
 from replay_kit.estimator.update.evidence import CENTRED, SCALED
 from replay_kit.estimator.update.grouping import Grouping
 from replay_kit.estimator.update.innovations import misfits, outcomes
-from replay_kit.estimator.update.revision import Evidence, noted
+from replay_kit.estimator.update.revision import Evidence, with_decisions
 from replay_kit.estimator.update.screening import Screened, screened
 
 # Columns whose products with the covariance are computed together.
@@ -145,7 +145,7 @@ class ReducedBasisEstimator(Estimator[State]):
                 if after.profiles == state.profiles:
                     # also the time stays: an earlier measurement may still come
                     after = state
-                after = noted(after, updates)
+                after = with_decisions(after, updates)
                 if self.evidence is not None and columns:
                     after = self.evidence.revised(state.profiles, after)
                 state = after

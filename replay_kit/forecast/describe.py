@@ -11,7 +11,7 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.region import DEGREE, Region, around
+from replay_kit.core.region import DEGREE, Region, box_around
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import find_sources, source_of
 from replay_kit.forecast.gather import layout_of
@@ -22,7 +22,7 @@ from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import MemberRule, parse_rule
 from replay_kit.forecast.members.selection import Selection, select
 from replay_kit.forecast.names import NoCurrentError
-from replay_kit.forecast.reader import read_members, read_selections, ways
+from replay_kit.forecast.reader import read_members, read_selections, ways_text
 from replay_kit.forecast.series import dates_of
 
 
@@ -77,7 +77,7 @@ def _described(found: Collection, config: ForecastConfig, near_ns: int | None) -
     if not found.rule.kind:
         one = select(replace(found, rule=MemberRule("dim")), config, near_ns)
         reading = read_selections([one], config, None, found.source, found.notes)
-        use = f"one field, which --truth takes; no ensemble{ways(found)}"
+        use = f"one field, which --truth takes; no ensemble{ways_text(found)}"
     else:
         reading = read_members(found, config, near_ns, None)
         use = f"an ensemble of {reading.series[0].n_members} members"
@@ -138,7 +138,7 @@ class Extent:
         """Bounding box of the grid, widened by a cell; all longitudes for a global grid."""
         edges = (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])
         sides = [np.column_stack([axis[side] for axis in self.layout.points]) for side in edges]
-        return around(np.concatenate(sides), max(self.step) * DEGREE)
+        return box_around(np.concatenate(sides), max(self.step) * DEGREE)
 
     @property
     def step(self) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Times
 from replay_kit.core.files.inputs import plain_attribute, why_no_input
 from replay_kit.core.files.paths import Address
-from replay_kit.forecast.files import dated, opened_file
+from replay_kit.forecast.files import opened_file, times_as_dates
 from replay_kit.forecast.names import Current, find_lead, find_time
 
 #: Attributes of a file that differ between products.
@@ -194,5 +194,5 @@ def _times(item: h5py.h5d.DatasetID, name: str) -> xr.Variable:
     # an absent calendar is the usual one, an empty one is none
     about = {key: text for key in ("units", "calendar") if (text := _text(item, key.encode()))}
     variable = xr.Variable((name,), h5py.Dataset(item)[...], about)
-    found = dated(variable)
+    found = times_as_dates(variable)
     return variable if found is None else found

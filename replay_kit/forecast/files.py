@@ -93,7 +93,7 @@ def source_of(files: Sequence[Path]) -> str:
     return f"{len(files)} files, {one} to {files[-1].name}" if more else str(one)
 
 
-def natural(path: Path) -> list[tuple[int, int | str]]:
+def natural_order(path: Path) -> list[tuple[int, int | str]]:
     """Return a sort key that orders the numbers in a name by value."""
     return [
         (0, int(part)) if part.isdigit() else (1, part)
@@ -115,7 +115,7 @@ def _files_of(path: Path) -> tuple[tuple[Path, ...], list[Path]]:
     else:
         return (path,), []
     results = [file for file in found if any(mark in file.name for mark in _RESULTS)]
-    kept = sorted((file for file in found if file not in results), key=natural)
+    kept = sorted((file for file in found if file not in results), key=natural_order)
     if not kept and results:
         raise ForecastError(
             f"{path}: holds only analysis results, such as {results[0].name}; give the members, or list the results one by one"
@@ -215,7 +215,9 @@ def opened_file(path: Path) -> Iterator[xr.Dataset]:
 def with_dates(ds: xr.Dataset) -> xr.Dataset:
     """Return a dataset with its times as dates, if they have any."""
     dates = {
-        name: found for name in ds.variables if (found := dated(ds.variables[name])) is not None
+        name: found
+        for name in ds.variables
+        if (found := times_as_dates(ds.variables[name])) is not None
     }
     return ds.assign(dates) if dates else ds
 
@@ -280,13 +282,13 @@ def _check_coordinates(path: Path, shapes: Sequence[tuple[int, ...]]) -> None:
         )
 
 
-def undated(variable: xr.Variable | xr.DataArray) -> str:
+def why_undated(variable: xr.Variable | xr.DataArray) -> str:
     """Return the reason why times have no date: the unit and calendar stated by the file."""
     unit, calendar = variable.attrs.get("units", "none"), variable.attrs.get("calendar", "")
     return f"unit '{unit}'" + (f", calendar {calendar}" if calendar else "")
 
 
-def dated(variable: xr.Variable) -> xr.Variable | None:
+def times_as_dates(variable: xr.Variable) -> xr.Variable | None:
     """Return times as dates; None for a variable that is not a time with an epoch."""
     units, calendar = (str(variable.attrs.get(key, "")) for key in ("units", "calendar"))
     if " since " not in units or variable.ndim > 1 or variable.dtype.kind not in "iuf":
@@ -331,5 +333,5 @@ def _epoch(units: str) -> np.ndarray | None:
         # earlier ones may be Julian
         if moment.tzinfo is None and moment.year > 1582:
             return np.array(moment, "M8[us]")
-    found = dated(xr.Variable((), 0, {"units": units}))
+    found = times_as_dates(xr.Variable((), 0, {"units": units}))
     return None if found is None else found.values.astype("M8[us]")

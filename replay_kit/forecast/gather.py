@@ -18,7 +18,7 @@ from replay_kit.forecast.grids.horizontal import (
     centre_longitude,
     find_cells,
     turn_to_local,
-    turned,
+    turned_velocity,
 )
 from replay_kit.forecast.grids.layout import Layout, lay_out
 from replay_kit.forecast.window import Window, read_window, window_size
@@ -42,7 +42,7 @@ def in_groups(field: Field, layout: Layout) -> list[Field]:
     ]
 
 
-def together(
+def members_together(
     fields: Sequence[Field],
     layout: Layout,
     window: Window,
@@ -64,7 +64,7 @@ def together(
     turn = turn_to_local(projection, window.longitude, window.latitude, window.axes)
     alone = len(first) == count and first.dtype == dtype
     velocity = first if alone else large_array((count, *first.shape[1:]), dtype)
-    turned(first, turn, velocity[: len(first)])
+    turned_velocity(first, turn, velocity[: len(first)])
     filled, around, notes = len(first), region_around(window), list[str]()
     moved, far = 0, np.zeros(window.levels.size, dtype=bool)
     for field in fields[1:]:
@@ -81,7 +81,7 @@ def together(
         here = velocity[filled : filled + len(values)]
         filled += len(values)
         if alike:
-            turned(values, turn, here)
+            turned_velocity(values, turn, here)
         else:
             here[:] = values
         release(velocity)
@@ -155,7 +155,7 @@ def is_alike(one: Window, other: Window) -> bool:
 def on_grid_of(other: Window, window: Window, projection: Projection) -> Values:
     """Return another window's velocities in the local frame, interpolated to the grid and levels of the first."""
     turn = turn_to_local(projection, other.longitude, other.latitude, other.axes)
-    values = turned(other.velocity, turn)
+    values = turned_velocity(other.velocity, turn)
     (east, north), (at_east, at_north) = (
         to_local(projection, unwrap_longitude(part.longitude, projection.longitude), part.latitude)
         for part in (other, window)

@@ -13,7 +13,7 @@ from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.words.text import place_text
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.gather import in_groups, layout_of, together
+from replay_kit.forecast.gather import in_groups, layout_of, members_together
 from replay_kit.forecast.grids.axes import AxesCheck, check_axes
 from replay_kit.forecast.grids.horizontal import local_grid, projection_of
 from replay_kit.forecast.grids.layout import Layout, U
@@ -88,13 +88,13 @@ def read_members(
         first = found.members[0][0]
         raise ForecastError(
             f"{first.where}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(first.ds[U])}"
-            f"{ways(found)}"
+            f"{ways_text(found)}"
         )
     selections = select_each(found, config, near_ns, dates)
     count = sum(len(field.labels) for field in selections[0].fields if not field.extra)
     if count < 2:
         raise ForecastError(
-            f"{found.source}: an ensemble needs at least 2 members, got {count}{ways(found)}"
+            f"{found.source}: an ensemble needs at least 2 members, got {count}{ways_text(found)}"
         )
     reading = read_selections(selections, config, place_at, found.source, found.notes)
     made_from = found.rule.kind if found.rule.kind in MADE else ""
@@ -154,7 +154,7 @@ def truth_in(found: Collection, spec: str) -> Collection:
     return replace(found, members=(fields,), rule=rule, background=())
 
 
-def ways(found: Collection) -> str:
+def ways_text(found: Collection) -> str:
     """Return the clause of a message with values of --members that suit the files."""
     fields = [field for member in found.members for field in member]
     times = sum(field.times.size for field in fields)
@@ -214,7 +214,7 @@ def read_selections(
     # what is made of members is computed in double precision, however many they are
     made = selections[0].change is not None
     dtype = precision(fields[0].ds[U], 0 if made else counts[0] * window.velocity[0, 0].size)
-    velocity, more = together(fields, layout, window, projection, config, dtype)
+    velocity, more = members_together(fields, layout, window, projection, config, dtype)
     # the members are in memory once
     window = replace(window, velocity=velocity[:0])
     placed = []

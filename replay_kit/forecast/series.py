@@ -11,16 +11,9 @@ from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.members.collection import Collection, open_collection
-from replay_kit.forecast.members.rules import (
-    MADE,
-    parse_rule,
-    without_copies,
-)
+from replay_kit.forecast.members.rules import MADE, parse_rule, without_copies
 from replay_kit.forecast.members.times import date_text, steps_of
-from replay_kit.forecast.reader import (
-    read_ensemble,
-    read_members,
-)
+from replay_kit.forecast.reader import read_ensemble, read_members
 
 _DAY_NS = 86_400 * 10**9
 

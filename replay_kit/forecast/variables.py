@@ -12,12 +12,12 @@ from replay_kit.core.arrays import Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.files.inputs import unpacking
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.grids.horizontal import runs
+from replay_kit.forecast.grids.horizontal import index_runs
 from replay_kit.forecast.grids.layout import CENTRE, DIRECTION, Layout, U, V
 from replay_kit.forecast.names import LEVEL_COUNTS, sizes_text
 
 
-def read(field: Field, layout: Layout, name: str, component: str = CENTRE) -> Values:
+def read_variable(field: Field, layout: Layout, name: str, component: str = CENTRE) -> Values:
     """Return the used part of a variable, shape (E, Z, J, I), in the file's precision; E or Z is 1 without such a dimension.
 
     Args:
@@ -44,20 +44,20 @@ def read(field: Field, layout: Layout, name: str, component: str = CENTRE) -> Va
         )
     part = part.isel(dict.fromkeys(extra, 0)).transpose(*wanted, *dims)
     if depth in part.dims:
-        part = part.isel({depth: runs(order)[0] if np.all(np.diff(order) == 1) else order})
-    rows, columns = (runs(index) for index in layout.taken(component))
-    pieces = [unpacked(part.isel({dims[0]: rows[0], dims[1]: piece})) for piece in columns]
+        part = part.isel({depth: index_runs(order)[0] if np.all(np.diff(order) == 1) else order})
+    rows, columns = (index_runs(index) for index in layout.taken(component))
+    pieces = [unpacked_values(part.isel({dims[0]: rows[0], dims[1]: piece})) for piece in columns]
     values = pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=-1)
     if depth not in wanted:
         values = np.expand_dims(values, -3)
     return values if field.member in wanted else values[None]
 
 
-def component(field: Field, layout: Layout, name: str) -> Values:
-    """Return the component ``U`` or ``V`` at its own points as ``read`` does; see there for the arguments."""
-    values = read(field, layout, name, name)
+def read_component(field: Field, layout: Layout, name: str) -> Values:
+    """Return the component ``U`` or ``V`` at its own points as ``read_variable`` does; see there for the arguments."""
+    values = read_variable(field, layout, name, name)
     if (turn := field.ds[name].attrs.get("replay_kit_turn")) is not None:
-        angle = read(field, layout, DIRECTION, name).astype(np.float64)
+        angle = read_variable(field, layout, DIRECTION, name).astype(np.float64)
         values *= np.cos(np.deg2rad(angle + turn))
     return values
 
@@ -100,7 +100,7 @@ def precision(variable: xr.DataArray, count: int) -> np.dtype[np.floating]:
     return np.dtype(np.float32 if single else np.float64)
 
 
-def unpacked(part: xr.DataArray) -> Values:
+def unpacked_values(part: xr.DataArray) -> Values:
     """Return the unpacked values of a part of a variable as a writable array; for its type see ``precision``.
 
     The decoder's memory is limited to the needs of these values and its chunks.
@@ -158,11 +158,11 @@ def never_changing(values: Values, constants: Iterable[float]) -> NDArray[np.boo
 def mask_at_centres(field: Field, layout: Layout) -> tuple[NDArray[np.bool_] | None, bool]:
     """Return the water of mask variables at cell centres, shape (1 or Z, J, I), and whether per level; None without masks."""
     if (name := first_of(field, layout, layout.kind.mask)) is not None:
-        wet = read(field, layout, name)[0] > 0.0
+        wet = read_variable(field, layout, name)[0] > 0.0
         return wet, sum(size > 1 for size in field.ds[name].shape) > 2
     if (name := first_of(field, layout, LEVEL_COUNTS)) is not None:
         _, order = layout.levels.get(CENTRE, ("", np.zeros(1, np.int64)))
-        return np.asarray(read(field, layout, name)[0] > order[:, None, None]), True
+        return np.asarray(read_variable(field, layout, name)[0] > order[:, None, None]), True
     return None, False
 
 
@@ -182,7 +182,7 @@ def constant_land(
     """
     if not _moves(components):
         if (last := field.at_last_time) is not None:
-            components = [component(last, layout, name) for name in (U, V)]
+            components = [read_component(last, layout, name) for name in (U, V)]
         if masked and not _moves(components):
             return [np.zeros(values.shape[1:], dtype=bool) for values in components]
     offsets = (float(field.ds[name].attrs.get("replay_kit_offset", 0.0)) for name in (U, V))

@@ -27,11 +27,11 @@ from replay_kit.forecast.members.rules import WARNING
 from replay_kit.forecast.names import SEA_LEVEL, Axes, find_depth
 from replay_kit.forecast.variables import (
     chunk_bytes,
-    component,
     constant_land,
     first_of,
     mask_at_centres,
-    read,
+    read_component,
+    read_variable,
     to_centres,
 )
 
@@ -176,7 +176,7 @@ def _at_centres(field: Field, layout: Layout, masked: bool) -> tuple[Values, tup
         mask = next((name for name in names if name in field.ds.variables), None)
         valid = np.isfinite(values) & ~dry
         if mask is not None:
-            valid &= read(field, layout, mask, points)[0] > 0.0
+            valid &= read_variable(field, layout, mask, points)[0] > 0.0
         means.append(to_centres(values, valid, axis))
     (u, u_wet), (v, v_wet) = means
     wet = u_wet | v_wet
@@ -185,7 +185,7 @@ def _at_centres(field: Field, layout: Layout, masked: bool) -> tuple[Values, tup
 
 def _speeds(field: Field, layout: Layout, name: str) -> tuple[Values, int]:
     """Return a component in m/s, implausible values as NaN, and the number of these not declared missing."""
-    values, about = component(field, layout, name), field.ds[name].attrs
+    values, about = read_component(field, layout, name), field.ds[name].attrs
     unit = str(about.get("units", "")).strip()
     scale = metres_per_second(unit) if unit else 1.0
     if scale is None:
@@ -210,4 +210,4 @@ def _surface(field: Field, layout: Layout) -> Array | None:
     if name is None:
         return None
     scale = metres(str(field.ds[name].attrs.get("units", "m")).strip())
-    return read(field, layout, name)[:, 0].astype(np.float64) * (scale or 1.0)
+    return read_variable(field, layout, name)[:, 0].astype(np.float64) * (scale or 1.0)

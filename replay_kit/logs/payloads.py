@@ -118,7 +118,7 @@ _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?![\w])")
 _READ_AS = "read as "
 
 
-def gather(notes: Iterable[str]) -> Mapping[str, list[str]]:
+def merged_notes(notes: Iterable[str]) -> Mapping[str, list[str]]:
     """Return notes with their occurrences in order of the first; notes that differ only in numbers are merged with ranges."""
     alike: dict[str, list[str]] = {}
     for note in notes:
@@ -142,7 +142,7 @@ def by_variable(notes: Iterable[str]) -> list[str]:
     ]
 
 
-def short(note: str) -> str:
+def short_note(note: str) -> str:
     """Return a note for a summary, with the number of variables instead of their names."""
     if not note.startswith(_READ_AS):
         return note

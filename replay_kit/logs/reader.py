@@ -19,7 +19,7 @@ from replay_kit.core.files.inputs import open_input
 from replay_kit.core.message import LogReader, LogReport, Loss, Message, RawMessage
 from replay_kit.core.words.progress import Progress
 from replay_kit.logs.blocks import Block, ReadStatistics, blocks_of
-from replay_kit.logs.payloads import Entry, JsonChannels, by_variable, gather
+from replay_kit.logs.payloads import Entry, JsonChannels, by_variable, merged_notes
 
 # Messages between two looks at how much is read.
 _LOOK = 64
@@ -259,7 +259,7 @@ class WholeLog(LogFile):
 
     def _notes(self) -> tuple[str, ...]:
         """Return each note once, with the number of files if several."""
-        alike = gather(self._told.notes).items()
+        alike = merged_notes(self._told.notes).items()
         return tuple(
             by_variable(
                 note if len(found) == 1 else f"{note} (in {len(found)} files)"

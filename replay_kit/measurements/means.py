@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
+from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen_rows
 from replay_kit.measurements.profiles.pings import COMPUTED, OWN, padded
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.dives import dive_begins
@@ -71,12 +71,12 @@ class Path(NamedTuple):
     reckoned: int = 0
 
 
-def begun(fix: Spot) -> Path:
+def path_from(fix: Spot) -> Path:
     """Return the path that begins at a fix."""
     return Path(fix, fix)
 
 
-def extended(path: Path, positions: Columns, depth: Array) -> Path:
+def extended_path(path: Path, positions: Columns, depth: Array) -> Path:
     """Return a path extended by positions and depths; positions without a depth, or not later than the last, are ignored.
 
     Args:
@@ -237,7 +237,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
         tables: Tables of stated mean currents.
         step: Block.
     """
-    positions, config = chosen(step.positions, slice(step.new, None)), step.config
+    positions, config = chosen_rows(step.positions, slice(step.new, None)), step.config
     order, depth_order, depth = positions["order"], step.depths["order"], step.depths["measured"]
     on_path = positions["dead_reckoned"] | positions["submerged"]
     first = _LONG_AGO if ways.path is None else ways.path.start.time
@@ -249,11 +249,11 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
         """Return the path from a fix of the block, or the last earlier one, up to a position in the stream."""
         since, known = depth_order[0], ways.path
         if number:
-            since, known = ends[number - 1], begun(spot(positions, fixes[number - 1]))
+            since, known = ends[number - 1], path_from(spot(positions, fixes[number - 1]))
         if known is None:
             return None
-        rows = chosen(positions, on_path & (order > since) & (order <= upto))
-        return extended(known, rows, depth[(depth_order > since) & (depth_order <= upto)])
+        rows = chosen_rows(positions, on_path & (order > since) & (order <= upto))
+        return extended_path(known, rows, depth[(depth_order > since) & (depth_order <= upto)])
 
     made, messages = list[dict[str, Any]](), step.messages(tables)
     deep = depth_order[1:][dive_begins(depth[1:], config.surface_depth)]
@@ -263,7 +263,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
     for due, rank, number in sorted(stops):
         if rank == OWN:
             message, source = messages[number]
-            row = chosen(message.columns, 0)
+            row = chosen_rows(message.columns, 0)
             way = path(int(np.searchsorted(ends, due, side="right")), due)
             ways, found, why = _match_stated(ways, way, row, step, due)
             velocity, time = row["velocity"], source.time_ns

@@ -33,10 +33,10 @@ from replay_kit.core.observation.table import (
     Integers,
     Rows,
     Table,
-    chosen,
+    chosen_rows,
 )
 from replay_kit.logs.tables.columns import raws_of
-from replay_kit.logs.tables.instruments import Open, lost
+from replay_kit.logs.tables.instruments import Open, lost_frames
 from replay_kit.logs.tables.schemas import tables_of
 from replay_kit.measurements.means import Ways, means_of
 from replay_kit.measurements.profiles import pings
@@ -44,8 +44,8 @@ from replay_kit.measurements.profiles.earth import attitudes_of, motions_of, no_
 from replay_kit.measurements.step import Found, Step
 from replay_kit.measurements.surface.vectors import DrifterFix, other_measurements
 from replay_kit.measurements.track.dives import depth_of, depths_of, no_depths
-from replay_kit.measurements.track.navigation import Depth, Frames, Sender, from_sender, located
-from replay_kit.measurements.track.positions import as_of, beside, joined, no_rows, recent
+from replay_kit.measurements.track.navigation import Depth, Frames, Sender, from_sender, locate
+from replay_kit.measurements.track.positions import appended, as_of, no_rows, positions_at, recent
 from replay_kit.measurements.track.reach import THROWN, Reach, within_reach
 
 _NONE = np.empty(0, np.int64)
@@ -113,9 +113,9 @@ def measure(
         by_kind[table.kind].append(table)
     for table in by_kind["unused"]:
         step.note(table, table["reason"])
-    frames, positions, stated = located(memory.frames, by_kind, step)
+    frames, positions, stated = locate(memory.frames, by_kind, step)
     reach, rows, counts, findings = within_reach(memory.reach, positions, last)
-    of_vehicle, reached = rows["own"], chosen(rows, counts)
+    of_vehicle, reached = rows["own"], chosen_rows(rows, counts)
     step.add(
         rows["order"][of_vehicle],
         rows["topic"][of_vehicle],
@@ -124,18 +124,18 @@ def measure(
     attitudes = attitudes_of(memory.attitudes, tables, step)
     motions, water = motions_of(memory.motions, by_kind["dvl"], attitudes, step)
     arrivals = [to_earth(table, attitudes, motions, config) for table in (*by_kind["ping"], *water)]
-    positions = joined(memory.positions, reached)
+    positions = appended(memory.positions, reached)
     stated += _depths((*by_kind["depth"], *arrivals), positions, step)
     depths = depths_of(memory.depths, stated, config.surface_depth)
     step = step._replace(depths=depths, new=len(memory.positions["order"]), reach=reach)
     dived = step.dived(reached["order"])
     new = reached | {name: dived[name] for name in ("depth", "submerged", "dive")}
-    positions = joined(memory.positions, new)
+    positions = appended(memory.positions, new)
     step = step._replace(positions=positions)
-    came = [pings.arrived(table, step) for table in arrivals]
-    waiting, decided = pings.decided(memory.waiting, came, step)
-    found = [made for table in decided for made in pings.profiled(table, step)]
-    profiles, tests = pings.stacked(found)
+    came = [pings.arrived_pings(table, step) for table in arrivals]
+    waiting, decided = pings.decided_pings(memory.waiting, came, step)
+    found = [made for table in decided for made in pings.profiles_of(table, step)]
+    profiles, tests = pings.stacked_profiles(found)
     ways, means = means_of(memory.ways, by_kind["mean"], step)
     line, linear = _ctd_measurements(memory.line, by_kind, step)
     drifters = dict(memory.drifters)
@@ -146,12 +146,12 @@ def measure(
     after = Memory(
         tuple(step.topics),
         sender,
-        chosen(depths, _LAST),
+        chosen_rows(depths, _LAST),
         frames,
         recent(positions),
         reach,
-        chosen(attitudes, _LAST),
-        chosen(motions, _LAST),
+        chosen_rows(attitudes, _LAST),
+        chosen_rows(motions, _LAST),
         waiting,
         ways,
         line,
@@ -197,7 +197,7 @@ def _ctd_measurements(
     # loads scipy, which most logs need not
     from replay_kit.measurements.ctd.lines import SectionLine, ctd_shears
 
-    new = chosen(step.positions, slice(step.new, None))
+    new = chosen_rows(step.positions, slice(step.new, None))
     surfacings = new["order"][~new["submerged"]]
     return ctd_shears(line or SectionLine(), by_kind["ctd"], surfacings, step)
 
@@ -209,7 +209,9 @@ def _depths(tables: Sequence[Table], positions: Columns, step: Step) -> list[Dep
         by, is_stated = table.fixed.get("by", "pressure"), table.kind == "depth"
         depth = table[by]
         if by == "pressure":
-            depth = depth_of(depth, beside(positions, as_of(table.order, positions["order"]))[2])
+            depth = depth_of(
+                depth, positions_at(positions, as_of(table.order, positions["order"]))[2]
+            )
         if is_stated:
             step.note(table, np.where(np.isfinite(depth), "", f"{by} is not a number"))
         else:
@@ -237,20 +239,20 @@ class Stream(NamedTuple):
     order: int = 0
 
 
-def begun(system: int | None = None, component: int | None = None) -> Stream:
+def new_stream(system: int | None = None, component: int | None = None) -> Stream:
     """Return a stream before its first message; ``system`` and ``component`` select a MAVLink sender."""
     asked = [None if number is None else str(number) for number in (system, component)]
     return Stream(Memory(sender=(asked[0], asked[1])))
 
 
-def taken(
+def measure_messages(
     stream: Stream, messages: Sequence[Message], config: MeasurementConfig, last: bool = False
 ) -> tuple[Stream, Block]:
     """Return the stream after some messages, and their measurements; ``last`` marks the end of the log."""
     tables, pending = tables_of(raws_of(messages, stream.order), config, stream.pending)
     order = stream.order + len(messages)
     if last:
-        tables, pending = [*tables, *lost(pending, _ENDLESS)], {}
+        tables, pending = [*tables, *lost_frames(pending, _ENDLESS)], {}
     times = np.array([message.time_ns for message in messages], np.int64)
     clock = np.arange(stream.order, order), times
     memory, block = measure(stream.memory, tables, clock, config, last)
@@ -266,9 +268,9 @@ def blocks(
     """Yield the measurements of blocks of a stream of messages; the last one at the end of the stream."""
     stream, rest = stream or Stream(), iter(messages)
     while part := list(islice(rest, size)):
-        stream, block = taken(stream, part, config)
+        stream, block = measure_messages(stream, part, config)
         yield block
-    yield taken(stream, [], config, last=True)[1]
+    yield measure_messages(stream, [], config, last=True)[1]
 
 
 def rows(block: Block) -> Iterator[VehicleState | Measurement]:

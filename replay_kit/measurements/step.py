@@ -11,7 +11,7 @@ from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import LinearMeasurement, Source
-from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
+from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen_rows
 from replay_kit.measurements.track.dives import no_depths
 from replay_kit.measurements.track.positions import as_of, no_rows
 from replay_kit.measurements.track.reach import Reach
@@ -62,7 +62,7 @@ class Step(NamedTuple):
 
     def dived(self, order: Integers) -> Rows:
         """Return the vehicle's depth and dive after messages at positions in the stream, as columns of ``dives.depths_of``."""
-        return chosen(self.depths, as_of(order, self.depths["order"]))
+        return chosen_rows(self.depths, as_of(order, self.depths["order"]))
 
     def messages(self, tables: Sequence[Table]) -> list[tuple[Table, Source]]:
         """Return the single rows of tables in order, with their messages."""

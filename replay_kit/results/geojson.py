@@ -15,7 +15,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Area, Odds, Place, Plan, plan_legs
-from replay_kit.core.region import Feature, feature, positions
+from replay_kit.core.region import Feature, continuous_positions, feature
 from replay_kit.core.surfacing import Ellipse, planned_ellipses
 from replay_kit.results.innovations import thinned
 from replay_kit.results.mcap.schemas import MESSAGES, attributes, decode, numbers
@@ -117,7 +117,7 @@ def features_of(contents: "Contents") -> list[Feature]:
     return sorted(found, key=lambda item: order.index(item["properties"]["role"]))
 
 
-def until(features: Sequence[Feature], time_ns: int | None) -> list[Feature]:
+def features_until(features: Sequence[Feature], time_ns: int | None) -> list[Feature]:
     """Return the features up to a time [ns, UTC]; all for None."""
     if time_ns is None:
         return [*features]
@@ -144,11 +144,13 @@ def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
     yield from _line(at, times, plan.track[kept, 2], "plan", "last plan", about | _numbers(plan))
     for area in plan.areas:
         closed = (np.array([*ring, ring[0]]) for ring in (area.corners, *area.holes))
-        rings = [positions(ring[:, 0], ring[:, 1], projection.longitude) for ring in closed]
+        rings = [
+            continuous_positions(ring[:, 0], ring[:, 1], projection.longitude) for ring in closed
+        ]
         of_area: dict[str, Any] = {"area": area.name, "surface_only": area.surface_only}
         of_area |= {"description": "surface only"} if area.surface_only else {}
         role, what = ("fence", "fence") if area.fence else ("no_go", "no-go area")
-        yield placed("Polygon", rings, role, f"{what} {area.name}", of_area)
+        yield placed_feature("Polygon", rings, role, f"{what} {area.name}", of_area)
     ellipses = planned_ellipses(plan.legs)
     for number, ellipse in enumerate(ellipses, start=1):
         last = number == len(ellipses)
@@ -159,14 +161,16 @@ def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
         steer = f"{leg['heading_deg']:03.0f}° true, to {leg['depth_m']:.0f} m"
         about = {**made, "description": f"{surfaces.replace('T', ' ')}, {steer}"}
         at_leg = point(leg["longitude"], leg["latitude"], projection)
-        yield placed("Point", at_leg, "planned", f"planned surfacing {leg['leg']}", about)
+        yield placed_feature("Point", at_leg, "planned", f"planned surfacing {leg['leg']}", about)
     goals = [*plan.via, plan.goal]
     for number, place in enumerate([plan.start, *goals]):
         role = "goal" if number else "start"
         name = f"goal {number}" if number and plan.via else role
         name += f", {place.depth:.0f} m" if number and np.isfinite(place.depth) else ""
-        about = {**made, "depth_m": known(place.depth)}
-        yield placed("Point", point(place.longitude, place.latitude, projection), role, name, about)
+        about = {**made, "depth_m": finite_or_none(place.depth)}
+        yield placed_feature(
+            "Point", point(place.longitude, place.latitude, projection), role, name, about
+        )
 
 
 def _numbers(plan: Plan) -> dict[str, float]:
@@ -183,9 +187,9 @@ def place_features(series: "pd.DataFrame", projection: Projection) -> list[Featu
         last = rows.iloc[-1]
         names = ("u", "v", "u_standard_error", "v_standard_error")
         about = {"time": time_text(last["time"]), "depth_m": float(last["depth"])}
-        about |= {f"{key}_m_s": known(last[key]) for key in names}
+        about |= {f"{key}_m_s": finite_or_none(last[key]) for key in names}
         at = point(last["longitude"], last["latitude"], projection)
-        found.append(placed("Point", at, "place", f"place {number}", about))
+        found.append(placed_feature("Point", at, "place", f"place {number}", about))
     return found
 
 
@@ -194,15 +198,17 @@ def _track_features(contents: "Contents") -> Iterator[Feature]:
     if track.time_ns.size == 0:
         return
     rows = thinned(track.time_ns.size, POSITIONS)
-    at = positions(track.longitude[rows], track.latitude[rows], contents.projection.longitude)
+    at = continuous_positions(
+        track.longitude[rows], track.latitude[rows], contents.projection.longitude
+    )
     yield from _line(at, track.time_ns[rows], track.depth[rows], "track", "track", {})
     times, fixes = times_of(track.time_ns[rows]), np.flatnonzero(~track.dead_reckoned[rows])
     # of a vessel every position is a fix, and circles around all hide the track
     if 0 < fixes.size <= min(_FIXES, 0.5 * rows.size):
         about = {"coordTimes": [times[k] for k in fixes]}
-        yield placed("MultiPoint", [at[k] for k in fixes], "fix", "fixes", about)
+        yield placed_feature("MultiPoint", [at[k] for k in fixes], "fix", "fixes", about)
     for role, k in (("begin", 0), ("vehicle", -1)):
-        yield placed("Point", at[k], role, role, {"time": times[k]})
+        yield placed_feature("Point", at[k], role, role, {"time": times[k]})
 
 
 def _surfacing_features(contents: "Contents") -> Iterator[Feature]:
@@ -213,11 +219,11 @@ def _surfacing_features(contents: "Contents") -> Iterator[Feature]:
             for kind in ("predicted", "actual")
         }
         time, far = {"time": time_text(row["time"])}, row["distance"]
-        about = {**time, "distance_m": known(far), "description": f"{far:.0f} m apart"}
+        about = {**time, "distance_m": finite_or_none(far), "description": f"{far:.0f} m apart"}
         # a line joins each predicted surfacing to the actual one
-        yield placed("LineString", [*at.values()], "apart", "surfacing, apart", about)
+        yield placed_feature("LineString", [*at.values()], "apart", "surfacing, apart", about)
         for kind, place in at.items():
-            yield placed("Point", place, kind, f"surfacing, {kind}", about)
+            yield placed_feature("Point", place, kind, f"surfacing, {kind}", about)
         ellipse = Ellipse(*(row[name] for name in _ELLIPSE))
         if np.isfinite(ellipse.major):
             yield _ring(ellipse, projection, "past", "90 % ellipse of a surfacing", time)
@@ -233,33 +239,37 @@ def _line(
 ) -> Iterator[Feature]:
     """Yield a line through positions with times and depths; a line of fewer than two positions is not GeoJSON."""
     if len(at) > 1:
-        times, depths = times_of(times_ns), [known(each) for each in np.round(depth, 1)]
+        times, depths = times_of(times_ns), [finite_or_none(each) for each in np.round(depth, 1)]
         along = {"begin": times[0], "end": times[-1], "coordTimes": times, **about}
-        yield placed("LineString", at, role, name, {**along, "depth_m": depths})
+        yield placed_feature("LineString", at, role, name, {**along, "depth_m": depths})
 
 
 def _ring(
     ellipse: Ellipse, projection: Projection, role: str, name: str, about: Mapping[str, Any]
 ) -> Feature:
-    return placed("Polygon", [line_of(ellipse.outline(projection), projection)], role, name, about)
+    return placed_feature(
+        "Polygon", [line_of(ellipse.outline(projection), projection)], role, name, about
+    )
 
 
-def placed(kind: str, coordinates: Any, role: str, name: str, about: Mapping[str, Any]) -> Feature:
+def placed_feature(
+    kind: str, coordinates: Any, role: str, name: str, about: Mapping[str, Any]
+) -> Feature:
     """Return a feature with a role and a name."""
     return feature(kind, coordinates, {"role": role, "name": name, **about})
 
 
 def point(longitude: float, latitude: float, projection: Projection) -> list[float]:
     """Return the position of a point [degrees], near the centre of the frame."""
-    return positions([longitude], [latitude], projection.longitude)[0]
+    return continuous_positions([longitude], [latitude], projection.longitude)[0]
 
 
 def line_of(places: Array, projection: Projection) -> list[list[float]]:
     """Return points of the local frame [m], shape (n, 2), as positions [degrees]."""
-    return positions(*to_geographic(projection, *places.T), projection.longitude)
+    return continuous_positions(*to_geographic(projection, *places.T), projection.longitude)
 
 
-def known(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """Return a number; None if it is not finite."""
     return float(value) if np.isfinite(value) else None
 

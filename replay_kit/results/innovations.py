@@ -109,7 +109,7 @@ def _single_innovation(message: Any) -> dict[str, Any]:
     return held
 
 
-def joined(blocks: Iterable[Columns]) -> Columns:
+def joined_blocks(blocks: Iterable[Columns]) -> Columns:
     """Return joined blocks."""
     held = [_EMPTY, *blocks]
     return {name: np.concatenate([one[name] for one in held]) for name in _FIELDS}
@@ -118,22 +118,22 @@ def joined(blocks: Iterable[Columns]) -> Columns:
 _EMPTY = columns_of(b"")
 
 
-def picked(columns: Columns, wanted: NDArray[np.bool_]) -> Columns:
+def picked_rows(columns: Columns, wanted: NDArray[np.bool_]) -> Columns:
     """Return some rows of a block, with their bins."""
     of_bins = np.repeat(wanted, columns["bins"])
     return {name: each[of_bins if name in BINS else wanted] for name, each in columns.items()}
 
 
-def larger(blocks: Iterable[Columns], rows: int = _ROWS) -> Iterator[Columns]:
+def larger_blocks(blocks: Iterable[Columns], rows: int = _ROWS) -> Iterator[Columns]:
     """Yield blocks joined to at least ``rows`` rows, except for the last one."""
     held, count = list[Columns](), 0
     for block in blocks:
         held.append(block)
         count += block["bins"].size
         if count >= rows:
-            yield joined(held)
+            yield joined_blocks(held)
             held, count = [], 0
-    yield joined(held)
+    yield joined_blocks(held)
 
 
 def tables_of(columns: Columns) -> Tables:
@@ -214,15 +214,15 @@ def measured_of(
     import pandas as pd
 
     sums, kept, seen, bins, every = list[pd.DataFrame](), list[Columns](), Counter[str](), 0, 1
-    for columns in larger(blocks):
+    for columns in larger_blocks(blocks):
         observations, of_bins = tables_of(columns)
         sums.append(_sums(_addends(observations)))
         kept.append(columns | {_PLACE: _places(columns, seen)})
         bins += len(of_bins)
         while max(seen.total() / most, bins / most_bins) > every:
             every *= 2
-        kept = [picked(one, one[_PLACE] % every == 0) for one in kept]
-    return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)))
+        kept = [picked_rows(one, one[_PLACE] % every == 0) for one in kept]
+    return Measured(*tables_of(joined_blocks(kept)), _sums(pd.concat(sums, ignore_index=True)))
 
 
 def thinned(count: int, most: int) -> NDArray[np.intp]:

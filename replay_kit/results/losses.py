@@ -74,7 +74,7 @@ def iso_time(time_ns: int, unit: Literal["s", "ms"] = "ms") -> str:
     return f"{np.datetime_as_string(np.datetime64(clipped, 'ns'), unit=unit)}Z"
 
 
-def coded(counts: Mapping[str, int]) -> list[dict[str, Any]]:
+def coded_reasons(counts: Mapping[str, int]) -> list[dict[str, Any]]:
     """Return the count of each reason for JSON, with its code and its sentence."""
     return [
         {"code": code_of(reason), "reason": reason, "count": count}

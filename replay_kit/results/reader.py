@@ -24,8 +24,8 @@ from replay_kit.results.mcap.topics import (
     WINDOW_NAME,
     WINDOWS_RECORD,
     OpenResult,
-    complete,
     message_counts,
+    naming_errors,
     topic_of,
 )
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
@@ -180,7 +180,7 @@ class ResultReader:
     def outcome(self) -> Outcome | None:
         """Outcome of the run, or of the vehicle; None if not stored, as in an unfinished run."""
         held = self.part("").attachments(lambda name: name.rpartition("/")[2] == SUMMARY_NAME)
-        with complete(self.path):
+        with naming_errors(self.path):
             records = {name.rpartition("/")[0]: json.loads(one.data) for name, one in held.items()}
             if (record := records.pop("", None)) is None:
                 return None

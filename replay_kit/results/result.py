@@ -20,7 +20,7 @@ from replay_kit.results.innovations import (
     Tables,
     blocks_in,
     dives_of,
-    joined,
+    joined_blocks,
     measured_of,
     table_of,
     tables_of,
@@ -156,7 +156,7 @@ class ResultFile:
 
     @cached_property
     def _tables(self) -> Tables:
-        return tables_of(joined(self.blocks()))
+        return tables_of(joined_blocks(self.blocks()))
 
     @cached_property
     def measured(self) -> Measured:

@@ -22,7 +22,7 @@ from replay_kit.core.region import Feature, collection_text
 from replay_kit.core.words.colors import LIGHT
 from replay_kit.core.words.text import csv_cell
 from replay_kit.results.geojson import ROLES, features_of, place_features
-from replay_kit.results.views.along_track import pairs, times_in
+from replay_kit.results.views.along_track import times_in, vector_column
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import KEPT, At
 from replay_kit.show.figures.figure import ON_MAP
@@ -78,7 +78,7 @@ def dives_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     longitude, latitude = to_geographic(contents.projection, east, north)
     columns = {"dive": means["dive"].to_numpy(), "longitude": longitude, "latitude": latitude}
     for name in ("measured", "corrected", "estimated"):
-        local = pairs(means, f"mean_current_{name}")
+        local = vector_column(means, f"mean_current_{name}")
         error = means[f"mean_current_{name}_standard_error"].to_numpy()
         ends = f"dac_eastward_{name}", f"dac_northward_{name}", f"dac_{name}_standard_error"
         true = _true(contents, longitude, latitude, local)
@@ -218,7 +218,7 @@ def to_dataset(tables: Mapping[str, pd.DataFrame], contents: Contents) -> "xr.Da
     """
     import xarray as xr
 
-    from replay_kit.core.flow.dataset import described
+    from replay_kit.core.flow.dataset import described_dataset
 
     attrs = {
         "local_frame": "Components of innovations are along the axes of the local frame (azimuthal equidistant, WGS84); others are true.",
@@ -242,7 +242,7 @@ def to_dataset(tables: Mapping[str, pd.DataFrame], contents: Contents) -> "xr.Da
         dataset = dataset.set_coords(held)
     of_estimate = {} if contents.estimate is None else contents.estimate.about
     title = f"Ocean current estimate: {', '.join(map(str, dataset.dims))}"
-    return described(dataset, title, "export", of_estimate)
+    return described_dataset(dataset, title, "export", of_estimate)
 
 
 def _attributes(table: str, column: str, kind: str) -> dict[str, Any]:

@@ -45,7 +45,7 @@ class Sentence(NamedTuple):
         return "".join(escape(part) if isinstance(part, str) else part.html for part in self.parts)
 
 
-def joined(begin: str, sentences: Iterable[Sentence]) -> Sentence:
+def joined_sentences(begin: str, sentences: Iterable[Sentence]) -> Sentence:
     """Return sentences joined by semicolons."""
     parts: list[str | Shown] = [begin]
     for k, one in enumerate(sentences):
@@ -125,7 +125,7 @@ def number(key: str, value: float | int | None, text: str) -> str:
     return "unknown" if value is None else Shown(key, value, text).html
 
 
-def nice(value: float, least: bool = False) -> float:
+def nice_number(value: float, least: bool = False) -> float:
     """Return 1, 2 or 5 times a power of ten: the largest at most a positive value or, with ``least``, the smallest at least it."""
     power = 10.0 ** floor(log10(value))
     steps = [factor * power for factor in (1.0, 2.0, 5.0, 10.0)]

@@ -6,7 +6,7 @@ from typing import Any
 
 from replay_kit.core.plan import Odds
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.show.numbers import Sentence, Shown, joined, sentence
+from replay_kit.show.numbers import Sentence, Shown, joined_sentences, sentence
 
 
 def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
@@ -33,7 +33,7 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
         "observations.",
     )
     for k, row in enumerate(sources):
-        yield joined("Also used: ", [source_sentence(row, f"observations.sources.{k}.")])
+        yield joined_sentences("Also used: ", [source_sentence(row, f"observations.sources.{k}.")])
     if outcome.rms_innovation["prior"] is not None:
         yield sentence(
             "RMS innovation: {rms_innovation.before:cm} before each update, {rms_innovation.after:cm} after it, "
@@ -41,7 +41,9 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
             {"rms_innovation": outcome.rms_innovation, "nis_per_dof": outcome.nis_per_dof},
         )
     if outcome.flight_correction is not None:
-        yield joined("Flight model: ", [flight_correction_sentence(outcome.flight_correction)])
+        yield joined_sentences(
+            "Flight model: ", [flight_correction_sentence(outcome.flight_correction)]
+        )
 
 
 def profile_bins(counts: Mapping[str, Any]) -> int:
@@ -65,7 +67,8 @@ def trust_sentences(outcome: Outcome) -> Iterator[Sentence]:
         yield evidence_sentence(outcome.evidence)
     if outcome.comparison is not None:
         yield from (
-            joined("Comparison: ", [one]) for one in comparison_sentences(outcome.comparison)
+            joined_sentences("Comparison: ", [one])
+            for one in comparison_sentences(outcome.comparison)
         )
     if outcome.predicted_surfacings is not None:
         yield surfacings_sentence(outcome.predicted_surfacings)

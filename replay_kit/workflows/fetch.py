@@ -11,19 +11,12 @@ from replay_kit.config.run import EVERYWHERE, RunConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.files.atomic import atomic_file
 from replay_kit.core.files.paths import Address, addresses_in
-from replay_kit.core.region import Region, around, degree_of_longitude, width
-from replay_kit.core.region import text as region_text
+from replay_kit.core.region import Region, box_around, degree_of_longitude, width_of
+from replay_kit.core.region import box_text as region_text
 from replay_kit.core.words.text import time_text
 from replay_kit.forecast.describe import open_extent
-from replay_kit.forecast.remote.apart import apart
-from replay_kit.forecast.remote.fetch import (
-    Cut,
-    cache_of,
-    covers,
-    cuts_of,
-    receive,
-    with_files,
-)
+from replay_kit.forecast.remote.apart import call_apart
+from replay_kit.forecast.remote.fetch import Cut, cache_of, covers, cuts_of, receive, with_files
 from replay_kit.forecast.remote.kept import Copy, Kept, key_of
 from replay_kit.forecast.remote.parts import Wanted
 from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
@@ -184,7 +177,7 @@ def _price(request: Request) -> list[dict[str, Any]]:
 
 def _asked(call: Callable[..., _Value], request: Request, *more: object) -> _Value:
     """Return the result of a query to the servers of a request."""
-    return apart(call, request, *more, what=str(request.addresses[0]))
+    return call_apart(call, request, *more, what=str(request.addresses[0]))
 
 
 def copy_whole(source: Path, out: Path) -> None:
@@ -233,8 +226,8 @@ def _reached(region: FoundRegion, reach: Reach) -> Region:
     if not region.follows:
         return region.region
     high = region.region[3] - region.region[1]
-    across = width(region.region) * degree_of_longitude(region.region[1])
-    return around(reach.places, max(high * 111_195.0, across))
+    across = width_of(region.region) * degree_of_longitude(region.region[1])
+    return box_around(reach.places, max(high * 111_195.0, across))
 
 
 def _covering(request: Request, kept: Kept) -> list[Path]:
@@ -251,7 +244,7 @@ def _covering(request: Request, kept: Kept) -> list[Path]:
             None,
         )
         if chosen is None:
-            where = f" in {region_text(around(places, 0.0))}" if len(places) else ""
+            where = f" in {region_text(box_around(places, 0.0))}" if len(places) else ""
             when = f", {time_text(span[0])} to {time_text(span[1])}" if span[0] is not None else ""
             held = "; ".join(
                 f"{path.name}, fetched {record.get('fetched')}" for path, record in copies[:3]

@@ -35,7 +35,7 @@ def report(
     from replay_kit.show.report.pages import report_html, several_html
 
     check_paths([path], [out], overwrite)
-    with opened(path, made) as contents:
+    with opened_contents(path, made) as contents:
         each = {name: part_path(out, name, out.parent) for name in contents.each if name}
         check_paths([path], each.values(), overwrite)
         for name, page in each.items():
@@ -55,7 +55,7 @@ def _write(path: Path, text: str) -> int:
 
 
 @contextmanager
-def opened(path: Path, made: Outcome | None = None) -> Iterator[Contents]:
+def opened_contents(path: Path, made: Outcome | None = None) -> Iterator[Contents]:
     """Yield the recoverable contents of a result, with notes on its losses.
 
     Args:

@@ -21,16 +21,11 @@ from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import smooth as smoothed
 from replay_kit.logs.reader import reading
 from replay_kit.results.mcap.writer import ResultWriter
-from replay_kit.results.outcome.outcome import Outcome, made
+from replay_kit.results.outcome.outcome import Outcome, checked_outcome
 from replay_kit.workflows.replay.conclude import found_of, useless_of
 from replay_kit.workflows.replay.events import Aside, Track
 from replay_kit.workflows.replay.inputs.forecast import build, flow_at, with_window
-from replay_kit.workflows.replay.inputs.job import (
-    ReplayJob,
-    check_outputs,
-    forecasts_of,
-    logs_of,
-)
+from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, forecasts_of, logs_of
 from replay_kit.workflows.replay.inputs.prepare import Prepared, prepare
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.publishing import depth_slices
@@ -102,7 +97,7 @@ def smooth(
         static = [] if changes(estimator) else [STATIC]
         found = found_of(vehicle, account, run.flow_now(), inputs)
         notes = [*forecasts.notes, *found["notes"], *estimator.notes(), *static]
-        outcome = made(found | {"notes": notes}, (*job.logs, *job.forecasts))
+        outcome = checked_outcome(found | {"notes": notes}, (*job.logs, *job.forecasts))
         with run.clock.stage("smooth"):
             _write(job, config, inputs, estimator, run, done, outcome)
     return replace(outcome, seconds=dict(run.clock.seconds))

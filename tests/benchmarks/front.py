@@ -9,7 +9,7 @@ import numpy as np
 
 from planners import MissionRequest, MissionSettings, plan_mission
 from planners.route.current import CurrentLattice, current_lattice, shares_of_levels, spacing_over
-from planners.route.front import sea_of, spread
+from planners.route.front import sea_of, spread_front
 from planners.route.passage import relax
 from planners.simulation.currents import currents_of
 from replay_kit.core.errors import PlanError
@@ -51,7 +51,7 @@ def _times_of(
 
     def flood() -> tuple[Any, Any]:
         sea = sea_of(current, speed, places)
-        return sea, spread(sea, np.array([first]), np.zeros(1), until, np.zeros(0, dtype=int))
+        return sea, spread_front(sea, np.array([first]), np.zeros(1), until, np.zeros(0, dtype=int))
 
     took, (sea, front) = cpu(flood)
     numbers = first + 1 + np.arange(len(ends))

@@ -23,7 +23,7 @@ from replay_kit.core.flow.points import best_velocity_at
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.observation import Observation
-from replay_kit.core.region import Region, around
+from replay_kit.core.region import Region, box_around
 from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.filter import WindowedEstimator
@@ -148,7 +148,7 @@ def windowed(
     )
     members = slice(0, strip.members)
     here = np.array([first.longitude, first.latitude])
-    region = around([here - half, here + half], 0.0)
+    region = box_around([here - half, here + half], 0.0)
     corners = [(of.longitude[0], of.latitude[0]), (of.longitude[-1], of.latitude[-1])]
     frame = of.part(region, members).grid.projection
 
@@ -156,7 +156,7 @@ def windowed(
     def of_region(region: Region) -> ReducedBasisEstimator:
         return build([of.part(region, members, frame)], config, GatingConfig())
 
-    return WindowedEstimator(region, margin, around(corners, 1e4), of_region)
+    return WindowedEstimator(region, margin, box_around(corners, 1e4), of_region)
 
 
 def rows(tiny: bool) -> list[Row]:

@@ -6,13 +6,13 @@ import shapely
 
 from replay_kit.core.geodesy import distance
 from replay_kit.core.region import (
-    around,
-    centre,
+    box_around,
+    centre_of,
     cut_at_antimeridian,
     depth_inside,
     feature,
-    inside,
-    width,
+    inside_box,
+    width_of,
 )
 
 
@@ -20,23 +20,23 @@ from replay_kit.core.region import (
 def test_a_box_around_places_holds_all_within_the_margin(middle):
     rng = np.random.default_rng(1)
     places = np.array(middle) + rng.uniform(-0.5, 0.5, (20, 2))
-    box = around(places, 30_000.0)
+    box = box_around(places, 30_000.0)
     assert np.all(depth_inside(box, *places.T) > 29_000.0)
     for step in ((0.25, 0.0), (0.0, 0.25), (-0.25, 0.0), (0.0, -0.25)):
         others = places + step
         near = distance(*places.T, *others.T) < 29_000.0
-        assert inside(box, *others[near].T).all()
+        assert inside_box(box, *others[near].T).all()
 
 
 def test_a_box_is_no_larger_than_it_must_be_and_passes_no_pole():
-    box = around([(10.0, 45.0), (12.0, 46.0)], 0.0)
-    assert (box, centre(box)) == ((10.0, 45.0, 12.0, 46.0), (11.0, 45.5))
-    assert width(around([(179.0, 0.0), (-179.0, 1.0)], 0.0)) == pytest.approx(2.0)
-    ends = around([(0.0, 89.9)], 50_000.0)[3], around([(0.0, -89.9)], 50_000.0)[1]
+    box = box_around([(10.0, 45.0), (12.0, 46.0)], 0.0)
+    assert (box, centre_of(box)) == ((10.0, 45.0, 12.0, 46.0), (11.0, 45.5))
+    assert width_of(box_around([(179.0, 0.0), (-179.0, 1.0)], 0.0)) == pytest.approx(2.0)
+    ends = box_around([(0.0, 89.9)], 50_000.0)[3], box_around([(0.0, -89.9)], 50_000.0)[1]
     assert ends == (90.0, -90.0)
-    globe = around([(longitude, 0.0) for longitude in range(360)], 130_000.0)
-    assert width(globe) == 360.0
-    assert inside(globe, [0.0, 179.9, -180.0, 270.0], 0.0).all()
+    globe = box_around([(longitude, 0.0) for longitude in range(360)], 130_000.0)
+    assert width_of(globe) == 360.0
+    assert inside_box(globe, [0.0, 179.9, -180.0, 270.0], 0.0).all()
 
 
 def test_how_far_a_place_lies_inside_is_the_distance_to_the_nearest_side():

@@ -17,11 +17,11 @@ from replay_kit.core.surfacing import (
     DiveOutcome,
     Ellipse,
     Surfacing,
-    apart,
-    calibrated,
+    calibrated_forecast,
     ellipse_of,
-    record,
-    records,
+    offset_between,
+    prediction_scores,
+    sequential_score,
     surfacing_outcome,
     usual_seconds,
 )
@@ -48,7 +48,7 @@ def test_calibrated_ellipses_hold_their_shares_whatever_the_stated_ones_hold(too
     rng, inside = np.random.default_rng(3), []
     for _ in range(150):
         *earlier, last = outcomes_of(rng, 31, too_small)
-        found = calibrated(last.forecast, earlier)
+        found = calibrated_forecast(last.forecast, earlier)
         assert found.scored == 30
         at = last.fix.longitude, last.fix.latitude
         ellipses = found.inner, found.outer, last.forecast.outer
@@ -66,13 +66,15 @@ def test_later_surfacings_count_more_and_few_do_not_calibrate():
         replace(one, fix=one.fix._replace(time_ns=one.fix.time_ns + 120 * DIVE_NS)) for one in after
     ]
     coming = replace(after[-1].forecast, start=Fix(180 * DIVE_NS, 10.0, 60.0))
-    mixed, alike = (calibrated(coming, part).factor for part in (before + later, before + after))
+    mixed, alike = (
+        calibrated_forecast(coming, part).factor for part in (before + later, before + after)
+    )
     assert mixed > alike > 1.0
-    few = calibrated(coming, after[: CALIBRATING - 1])
+    few = calibrated_forecast(coming, after[: CALIBRATING - 1])
     assert (few.outer, few.scored, isnan(few.factor)) == (coming.outer, CALIBRATING - 1, True)
     # as many are enough where they are not long ago
-    assert isnan(calibrated(coming, after[:CALIBRATING]).factor)
-    assert calibrated(after[CALIBRATING].forecast, after[:CALIBRATING]).factor > 1.5
+    assert isnan(calibrated_forecast(coming, after[:CALIBRATING]).factor)
+    assert calibrated_forecast(after[CALIBRATING].forecast, after[:CALIBRATING]).factor > 1.5
 
 
 def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends():
@@ -94,7 +96,7 @@ def test_a_record_is_the_density_of_what_came_with_errors_scaled_by_those_so_far
         score += np.log(np.exp(-0.5 * one[0] ** 2 / place) / (2.0 * np.pi * place))
         score += np.log(NormalDist(0.0, np.sqrt(time)).pdf(one[1]))
         past = np.vstack([past, one])
-    assert record(off, late, np.tile([400.0, 900.0], (9, 1))) == pytest.approx(score)
+    assert sequential_score(off, late, np.tile([400.0, 900.0], (9, 1))) == pytest.approx(score)
 
 
 def test_habit_and_plan_are_judged_by_the_surfacings_that_both_predicted():
@@ -105,7 +107,7 @@ def test_habit_and_plan_are_judged_by_the_surfacings_that_both_predicted():
         for k in range(5)
     ]
     dives = [SimpleNamespace(forecast=SimpleNamespace(start=one), fix=fix) for one, fix in ends]
-    assert records(dives, ()) == (0, 0.0, 0.0)
+    assert prediction_scores(dives, ()) == (0, 0.0, 0.0)
     assert usual_seconds(dives[:4]) == 4 * 3600.0
 
     def planned(east, late=0):
@@ -113,11 +115,15 @@ def test_habit_and_plan_are_judged_by_the_surfacings_that_both_predicted():
             planned = Surfacing(fix.time_ns, fix.longitude + east, 62.0)
             yield surfacing_outcome(0, planned, fix._replace(time_ns=fix.time_ns + late))
 
-    (count, habit, wrong), (_, _, right) = (records(dives, [*planned(x)]) for x in (0.02, 0.0))
+    (count, habit, wrong), (_, _, right) = (
+        prediction_scores(dives, [*planned(x)]) for x in (0.02, 0.0)
+    )
     assert count == 3
     assert habit > wrong < right
     # 20 minutes more or less of the way over ground beside 3 cm/s of the dive
-    stated = [[np.hypot(0.03 * 14400.0, np.hypot(*apart(*ends[0])) / 12.0), 1200.0]] * 3
-    assert habit == pytest.approx(record(np.zeros(3), np.zeros(3), np.array(stated)), abs=1e-3)
+    stated = [[np.hypot(0.03 * 14400.0, np.hypot(*offset_between(*ends[0])) / 12.0), 1200.0]] * 3
+    assert habit == pytest.approx(
+        sequential_score(np.zeros(3), np.zeros(3), np.array(stated)), abs=1e-3
+    )
     # a surfacing of another dive is none of them
-    assert records(dives, [*planned(0.0, 2 * hour)])[0] == 0
+    assert prediction_scores(dives, [*planned(0.0, 2 * hour)])[0] == 0

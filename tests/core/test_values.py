@@ -11,7 +11,7 @@ import pytest
 from replay_kit.core import arrays
 from replay_kit.core.observation import Innovation, PathMean, Source, reasons_of
 from replay_kit.core.words import quantities
-from replay_kit.core.words.progress import announce, called_by, counted, each_call, shown_by
+from replay_kit.core.words.progress import announce, called_by, each_call, shown_by, step_counter
 from replay_kit.core.words.text import csv_cell, place_text, some_text, span_text, time_text
 from tests.synthetic_flow import TIME_NS
 
@@ -134,7 +134,7 @@ def test_what_is_announced_goes_to_whoever_shows_it_and_to_nobody_else():
         announce("one")
         with shown_by(lambda *told: inner.append(told)):
             announce("two", 1, 3)
-        advance = counted("three", 1)
+        advance = step_counter("three", 1)
         advance()
     announce("nobody looks")
     assert (outer, inner) == ([(0, 0, "one"), (1, 1, "three")], [(1, 3, "two")])

@@ -1,6 +1,6 @@
 """Notes that say the same are one, with the range of their numbers and the names of their variables."""
 
-from replay_kit.logs.payloads import by_variable, gather, short
+from replay_kit.logs.payloads import by_variable, merged_notes, short_note
 
 
 def test_notes_that_differ_in_numbers_alone_are_one_with_their_ranges():
@@ -12,7 +12,7 @@ def test_notes_that_differ_in_numbers_alone_are_one_with_their_ranges():
     ]
     # variables read are never merged
     alone = ["x: VelocityBeam2 of 3", "read as depth: x 1", "read as depth: x 2"]
-    assert gather([*notes, *alone]) == {
+    assert merged_notes([*notes, *alone]) == {
         "m: declination -1.2 to 10.25 degrees": [notes[0], notes[2], notes[3]],
         notes[1]: [notes[1]],
         **{note: [note] for note in alone},
@@ -28,4 +28,4 @@ def test_what_is_said_of_several_variables_is_said_once():
         "plain",
     ]
     words = "2 variables were read by their names, which replay-kit info lists"
-    assert short("read as time: t, depth: z") == words
+    assert short_note("read as time: t, depth: z") == words

@@ -6,7 +6,7 @@ from itertools import islice
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
-from replay_kit.measurements.observed import begun, rows, taken
+from replay_kit.measurements.observed import measure_messages, new_stream, rows
 
 CONFIG = MeasurementConfig()
 SECOND = 10**9
@@ -29,7 +29,7 @@ class Skipped:
 
 def interpret_block(stream, messages, config, last=False):
     """Return the stream after messages, and the events of each of them, what became of messages first; those of the end with the last."""
-    after, block = taken(stream, messages, config, last)
+    after, block = measure_messages(stream, messages, config, last)
     found = [[] for _ in messages] or [[]]
     for order, topic, reason in block.outcomes.tolist():
         name = block.topics[topic]
@@ -53,7 +53,7 @@ def finish(stream, config):
 
 def events_of(messages, config, system=None, component=None):
     """Yield the events that each message of a stream completes, and last those of what still waits at its end."""
-    stream, rest = begun(system, component), iter(messages)
+    stream, rest = new_stream(system, component), iter(messages)
     while block := list(islice(rest, 128)):
         stream, found = interpret_block(stream, block, config)
         yield from found

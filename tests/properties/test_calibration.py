@@ -10,16 +10,7 @@ import replay_kit as rk
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build
-from tests.properties.world import (
-    GLIDER,
-    HERE,
-    mission,
-    places,
-    replace,
-    replayed,
-    sea,
-    tables,
-)
+from tests.properties.world import GLIDER, HERE, mission, places, replace, replayed, sea, tables
 
 DEPTHS = np.linspace(8.0, 280.0, 30)
 

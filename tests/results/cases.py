@@ -15,7 +15,7 @@ from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.logs import merge
 from replay_kit.results import ResultWriter
-from replay_kit.results.outcome.outcome import Outcome, made
+from replay_kit.results.outcome.outcome import Outcome, checked_outcome
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from replay_kit.workflows.replay.account import Account
@@ -120,7 +120,7 @@ def outcome_of(innovations: Sequence[Innovation]) -> Outcome:
     ]
     part = Account(Counts().after(steps), (), merge([], 0.0)).part()
     rows = [row | {"rms_innovation_predicted": None} for row in part["by_dive"]]
-    return made(part | {"by_dive": rows, "messages": None})
+    return checked_outcome(part | {"by_dive": rows, "messages": None})
 
 
 def failed(plan: Plan, message: str = "no path") -> Plan:

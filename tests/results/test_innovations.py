@@ -16,9 +16,9 @@ from replay_kit.results.innovations import (
     BINS,
     block_of,
     columns_of,
-    joined,
+    joined_blocks,
     measured_of,
-    picked,
+    picked_rows,
     tables_of,
 )
 from replay_kit.results.outcome.parts import correction_part
@@ -77,12 +77,12 @@ def drawn(draw):
 def test_a_block_holds_what_was_written_however_it_is_cut(given_ones, size):
     whole = columns_of(block_of(given_ones))
     cut = range(0, len(given_ones), size)
-    parts = joined([columns_of(block_of(given_ones[at : at + size])) for at in cut])
+    parts = joined_blocks([columns_of(block_of(given_ones[at : at + size])) for at in cut])
     assert whole.keys() == parts.keys()
     for name, values in whole.items():
         np.testing.assert_array_equal(parts[name], values)
     for k, one in enumerate(given_ones):
-        row = picked(whole, np.arange(len(given_ones)) == k)
+        row = picked_rows(whole, np.arange(len(given_ones)) == k)
         row = {name: each if name in BINS else each[0] for name, each in row.items()}
         for name in (*PAIRS, *OPTIONAL):
             pair = getattr(one, name)

@@ -11,7 +11,7 @@ import pytest
 from replay_kit.core.errors import Finding, MeasurementError, finding_json
 from replay_kit.core.message import Loss
 from replay_kit.results.losses import loss_json
-from replay_kit.results.outcome.outcome import failed, made, outcome_from
+from replay_kit.results.outcome.outcome import checked_outcome, failed_outcome, outcome_from
 
 RUN = {
     "messages": [{"topic": "/adcp", "read": 5, "used": 4, "skipped": 1, "reasons": []}],
@@ -31,10 +31,10 @@ PLAN = {"message": "ok", "odds": None}
 
 
 def test_what_a_result_keeps_is_the_outcome_of_the_run_but_for_wall_times_and_score():
-    own = made(RUN | {"plan": PLAN | {"status": "partial"}})
+    own = checked_outcome(RUN | {"plan": PLAN | {"status": "partial"}})
     late = {"seconds": {"read": 1.0}, "truth": {"rmse": 0.1}}
     for more in ({"consistency": FOUND, "losses": LOST}, {"vehicles": {"sg1": own}}):
-        outcome = made(RUN | more | late, [Path("/data/sea/ensemble.nc")])
+        outcome = checked_outcome(RUN | more | late, [Path("/data/sea/ensemble.nc")])
         kept = outcome_from(json.loads(outcome.to_record()))
         assert kept == outcome == outcome_from(outcome.to_json())
         assert kept.to_json() == outcome.to_json() | {"seconds": {}, "truth": None}
@@ -65,7 +65,7 @@ def test_what_a_result_keeps_is_the_outcome_of_the_run_but_for_wall_times_and_sc
     ],
 )
 def test_the_verdict_follows_what_was_found_and_changes_no_exit_code(changes, plan, word, reason):
-    outcome = made(RUN | changes | {"plan": plan})
+    outcome = checked_outcome(RUN | changes | {"plan": plan})
     assert outcome.verdict.word == word
     assert (reason in "; ".join(outcome.verdict.reasons)) == bool(reason or word == "trust")
     codes = (4,) * ("losses" in changes) + (6,) * (changes.get("consistency") is FOUND)
@@ -75,15 +75,15 @@ def test_the_verdict_follows_what_was_found_and_changes_no_exit_code(changes, pl
 def test_a_run_of_several_is_trusted_as_far_as_the_least_trusted_vehicle():
     uncertain = {"plan": PLAN | {"status": "uncertain"}}
     each = {
-        "sg1": made(RUN | uncertain),
-        "sg2": made(RUN),
-        "sg3": made(RUN | uncertain | {"losses": LOST}),
+        "sg1": checked_outcome(RUN | uncertain),
+        "sg2": checked_outcome(RUN),
+        "sg3": checked_outcome(RUN | uncertain | {"losses": LOST}),
     }
-    decision = made(RUN | {"vehicles": each}).verdict
+    decision = checked_outcome(RUN | {"vehicles": each}).verdict
     told = ("sg1, sg3: the plan is uncertain", "sg3: part of the log was lost")
     assert decision == ("with care", told)
-    contradicts = {"sg2": made(RUN | {"consistency": FOUND})}
-    outcome = made(RUN | {"vehicles": each | contradicts})
+    contradicts = {"sg2": checked_outcome(RUN | {"consistency": FOUND})}
+    outcome = checked_outcome(RUN | {"vehicles": each | contradicts})
     assert outcome.verdict.word == "do not use"
     assert "sg2: turned" in outcome.verdict.reasons
     assert outcome.exit_codes == (6,)
@@ -91,7 +91,7 @@ def test_a_run_of_several_is_trusted_as_far_as_the_least_trusted_vehicle():
 
 def test_a_run_that_failed_is_not_to_be_used_and_says_why():
     error = MeasurementError("no usable ping", findings=(FINDING,))
-    for outcome in (failed(error), failed(error, made(RUN))):
+    for outcome in (failed_outcome(error), failed_outcome(error, checked_outcome(RUN))):
         assert outcome.verdict == ("do not use", ("no usable ping",))
         answer = outcome.to_json()
         assert (answer["status"], answer["exit_code"], answer["error"]) == (

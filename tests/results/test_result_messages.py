@@ -13,7 +13,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.logs import open_log
-from replay_kit.measurements.observed import begun
+from replay_kit.measurements.observed import new_stream
 from replay_kit.results import ResultWriter
 from tests.measurements.samples import interpret
 from tests.results.result_samples import DEPTHS, TOPICS, decoded
@@ -51,7 +51,7 @@ def test_a_fix_of_a_result_is_read_back_as_it_was(tmp_path_factory, longitude, d
 
 
 def fixes(messages):
-    memory = begun()
+    memory = new_stream()
     for message in messages:
         memory, events = interpret(memory, message, MeasurementConfig())
         yield from (event for event in events if isinstance(event, VehicleState))

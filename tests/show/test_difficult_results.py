@@ -17,9 +17,9 @@ from replay_kit.core.plan import Plan
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export import ENDINGS, export
-from replay_kit.show.figures.kinds import KINDS, drawn
+from replay_kit.show.figures.kinds import KINDS, drawn_figure
 from replay_kit.show.report.pages import report_html
-from replay_kit.workflows.report import opened
+from replay_kit.workflows.report import opened_contents
 from tests.results.cases import (
     across_the_antimeridian,
     failed,
@@ -125,7 +125,7 @@ QUICK = (nothing_of_the_current, plan_failed, of_nothing)
 def test_each_is_shown_and_exported(case, flow, innovation, plan, tmp_path):
     case(tmp_path / "case.mcap", flow, innovation, plan)
     said, tables = CASES[case]
-    with opened(tmp_path / "case.mcap") as contents:
+    with opened_contents(tmp_path / "case.mcap") as contents:
         page = report_html(contents.result, contents.notes)
         # a section without a figure says why
         for attrs, text in elements(page, "section"):
@@ -133,7 +133,7 @@ def test_each_is_shown_and_exported(case, flow, innovation, plan, tmp_path):
             assert said.get(attrs["id"], "") in text
         assert all(figure.get("panels") or figure.get("map") for figure in figures(page).values())
         for kind in KINDS:
-            figure = drawn(contents, kind, columns=1)
+            figure = drawn_figure(contents, kind, columns=1)
             assert said.get(f"figure {kind}", "") in words(figure)
             figure.draw_without_rendering()
             # axes that are off hold the legend

@@ -5,8 +5,8 @@ import math
 from dataclasses import replace
 
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
-from replay_kit.results.losses import code_of, coded
-from replay_kit.results.outcome.outcome import made
+from replay_kit.results.losses import code_of, coded_reasons
+from replay_kit.results.outcome.outcome import checked_outcome
 from replay_kit.results.outcome.parts import plan_part, surfacings_part
 from replay_kit.show.sentences import energy_sentence, outcomes_sentence
 from replay_kit.show.status.status import status_of
@@ -34,9 +34,9 @@ def test_a_code_has_no_numbers_and_no_details():
 
 
 def test_tables_of_topics_and_dives_are_printed_when_asked_for():
-    reasons = coded({"late: by 3 s": 2})
+    reasons = coded_reasons({"late: by 3 s": 2})
     rms = {"rms_innovation_predicted": 0.3, "rms_innovation_prior": None, "nis_per_dof": 1.0}
-    found = made(
+    found = checked_outcome(
         {
             "messages": [
                 {"topic": f"/adcp/cell_{k}", "read": 5, "used": 3, "skipped": 2, "reasons": reasons}
@@ -57,7 +57,9 @@ def test_tables_of_topics_and_dives_are_printed_when_asked_for():
 
 def test_energy_is_told_with_its_share_of_the_battery_and_null_if_unknown(plan):
     for energy, expected in ((5.0, 5.0), (math.nan, None), (math.inf, None)):
-        kept = made({"plan": plan_part(replace(plan, energy=energy, battery=energy))}).plan
+        kept = checked_outcome(
+            {"plan": plan_part(replace(plan, energy=energy, battery=energy))}
+        ).plan
         assert (kept["energy_j"], kept["battery_j"]) == (expected, expected)
     said = "2,100 kJ, 105.0 % of 2 MJ: more than the battery holds"
     assert str(energy_sentence(2e6, 2e6)) == "2,000 kJ, 100.0 % of 2 MJ"

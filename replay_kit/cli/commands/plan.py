@@ -112,10 +112,10 @@ def plan(
     check_paths([*files, settings.file], written, outputs.overwrite)
 
     # what takes long to load, after what is quickly refused
-    from replay_kit.workflows.planning.request import checked, completed
+    from replay_kit.workflows.planning.request import checked_request, completed_request
 
-    request, known = completed(request)
-    request = checked(request)
+    request, known = completed_request(request)
+    request = checked_request(request)
     check_inputs(files)
     return _plan(config.model_copy(update={"plan": request}), outputs, known)
 

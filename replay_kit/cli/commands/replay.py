@@ -146,7 +146,7 @@ def replay(
     config = settings.load()
 
     # what takes long to load, after what is quickly refused
-    from replay_kit.results.outcome.outcome import failed
+    from replay_kit.results.outcome.outcome import failed_outcome
     from replay_kit.workflows.planning.adapters import planner_of
     from replay_kit.workflows.replay.inputs.job import check_outputs
     from replay_kit.workflows.replay.replay import replay as replay_logs
@@ -183,7 +183,7 @@ def replay(
             advance(0, 0, "reading the forecast")
             outcome, _ = replay_logs(job, config, planner_of, advance)
     except (MeasurementError, ForecastError) as error:
-        outputs.write(error.answer or failed(error).to_json())
+        outputs.write(error.answer or failed_outcome(error).to_json())
         raise
     return _answer(outputs, outcome, page)
 

@@ -180,19 +180,21 @@ def plot(
     time_ns = None if look.time is None else _time_of(look.time, "--time")
 
     from replay_kit.core.files.atomic import write_whole
-    from replay_kit.show.figures.draw import saved
-    from replay_kit.show.figures.kinds import drawn
+    from replay_kit.show.figures.draw import figure_bytes
+    from replay_kit.show.figures.kinds import drawn_figure
     from replay_kit.show.figures.map import Chosen
-    from replay_kit.workflows.report import opened
+    from replay_kit.workflows.report import opened_contents
 
-    with opened(result) as contents:
+    with opened_contents(result) as contents:
         shown = (
             contents
             if figure == "map" and look.vehicle is None
             else contents.for_vehicle(look.vehicle)
         )
         chosen = Chosen(at, look.depth, time_ns)
-        write_whole(out, saved(drawn(shown, figure, chosen, look.columns), out.suffix.lower()))
+        write_whole(
+            out, figure_bytes(drawn_figure(shown, figure, chosen, look.columns), out.suffix.lower())
+        )
     return _told(contents, f"Figure: {out}")
 
 
@@ -231,9 +233,9 @@ def export(
     places = [astuple(place(text, "--at")) for text in at or ()]
 
     from replay_kit.show.export import export as write
-    from replay_kit.workflows.report import opened
+    from replay_kit.workflows.report import opened_contents
 
-    with opened(result) as contents:
+    with opened_contents(result) as contents:
         shown = contents if vehicle is None else contents.for_vehicle(vehicle)
         rows = write(shown, out, places, table)
     counted = ", ".join(f"{name} {count} rows" for name, count in rows.items())

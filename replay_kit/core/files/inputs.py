@@ -64,7 +64,7 @@ def exceeds_claim(path: Path, size: int) -> str:
     """
     needed = (size - _FREE) / _RATIO
     # what is on a server has limits of its own
-    return "" if needed <= 0.0 or not path.exists() else claim_text(size, held(path, needed))
+    return "" if needed <= 0.0 or not path.exists() else claim_text(size, held_bytes(path, needed))
 
 
 def claim_text(size: int, held: int) -> str:
@@ -74,7 +74,7 @@ def claim_text(size: int, held: int) -> str:
     return f"it claims {size / 1e6:.0f} MB of values in a file of {held / 1e6:.3f} MB, more than {_RATIO} times its bytes"
 
 
-def held(path: str | os.PathLike[str], enough: float) -> int:
+def held_bytes(path: str | os.PathLike[str], enough: float) -> int:
     """Return the bytes of a file, or of the files below a folder, counted up to ``enough``."""
     if not os.path.isdir(path):
         status = os.stat(path)
@@ -83,7 +83,7 @@ def held(path: str | os.PathLike[str], enough: float) -> int:
     total = 0
     with os.scandir(path) as entries:
         for entry in entries:
-            total += held(entry.path, enough - total)
+            total += held_bytes(entry.path, enough - total)
             if total >= enough:
                 break
     return total

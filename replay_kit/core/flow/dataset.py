@@ -37,7 +37,7 @@ _COVERED = (
 )
 
 
-def described(
+def described_dataset(
     dataset: xr.Dataset, title: str, made_by: str, about: Mapping[str, str] | None = None
 ) -> xr.Dataset:
     """Return a dataset with global attributes, the coverage content type of each variable, and encodings of times and gaps.
@@ -242,7 +242,7 @@ def to_dataset(
             ancillary["ancillary_variables"] = of_error = f"{name}_standard_error"
             dataset[of_error] = (dims, getattr(found, of_error), ATTRIBUTES[of_error])
         dataset[name] = (dims, getattr(found, name), ATTRIBUTES[name] | ancillary)
-    return described(dataset, "Ocean current estimate", "to_xarray", flow.about)
+    return described_dataset(dataset, "Ocean current estimate", "to_xarray", flow.about)
 
 
 def write_grid(flow: FlowEstimate, path: Path) -> None:
@@ -270,7 +270,7 @@ def dataset_of_points(
     dataset = xr.Dataset(values).set_coords(coordinates)
     about = {"featureType": "point", **about}
     title, made_by = "Ocean current estimate at points", "Velocities.to_xarray"
-    return described(dataset, title, made_by, about)
+    return described_dataset(dataset, title, made_by, about)
 
 
 _VOCABULARY = "http://vocab.nerc.ac.uk/collection/OG1/current"
@@ -336,7 +336,7 @@ def trajectory(
             dataset[name] = ((), value, {"long_name": name.lower().replace("_", " ")})
         else:
             people[name] = value
-    result = described(
+    result = described_dataset(
         dataset.set_coords([name.upper() for name in _TERMS]),
         "Ocean current estimate along the track of a glider",
         "Velocities.to_og1",

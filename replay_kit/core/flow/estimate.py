@@ -44,7 +44,7 @@ from replay_kit.core.flow.functions import (
 )
 from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
 from replay_kit.core.flow.process import Process, Unknowns
-from replay_kit.core.geodesy import inside_grid, nearest, rotate_to_geographic, to_geographic
+from replay_kit.core.geodesy import inside_grid, nearest_node, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 from replay_kit.core.words.text import time_text
 
@@ -324,7 +324,7 @@ class FlowEstimate:
         unknowns = self._uncertain()
         # of what the unknowns do not hold, that of the nearest node
         variance_of_node = (
-            unknowns.scale * unknowns.error[:, nearest(self.grid, places, wet=True)] ** 2
+            unknowns.scale * unknowns.error[:, nearest_node(self.grid, places, wet=True)] ** 2
         )
         beside = np.stack([variance_of_node.T] * 2)
         seen = unknowns.measured

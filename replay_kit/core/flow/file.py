@@ -34,7 +34,7 @@ from replay_kit.core.files.inputs import (
     plain_attribute,
 )
 from replay_kit.core.files.paths import as_path
-from replay_kit.core.flow.dataset import CF_TIME, LEAP_SECONDS, described, netcdf_bytes
+from replay_kit.core.flow.dataset import CF_TIME, LEAP_SECONDS, described_dataset, netcdf_bytes
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import (
     DepthFunctions,
@@ -150,7 +150,7 @@ _CODED: dict[str, tuple[Callable[[Any], Array], Callable[[Any], Any]]] = {
 }
 
 
-def held(flow: FlowEstimate, names: str) -> Any:
+def part_at(flow: FlowEstimate, names: str) -> Any:
     """Return a part of a flow by a dotted path of attributes and indices; None if absent."""
     part: Any = flow
     for name in names.split("."):
@@ -174,7 +174,7 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
         "horizontal_functions": kind_of(flow),
     }
     for name, names, dims, *words in FIELDS:
-        values, is_time = held(flow, names), names.endswith("_ns")
+        values, is_time = part_at(flow, names), names.endswith("_ns")
         # NetCDF has no dimension of length zero that is not unlimited
         if values is None or not np.size(values):
             continue
@@ -192,7 +192,7 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
     if flow.about:
         attrs["replay_kit_about"] = json.dumps(dict(flow.about))
     dataset = xr.Dataset(variables, attrs=attrs)
-    return described(dataset, "Ocean current estimate without loss", "save", flow.about)
+    return described_dataset(dataset, "Ocean current estimate without loss", "save", flow.about)
 
 
 def save_bytes(flow: FlowEstimate) -> bytes:
@@ -360,7 +360,7 @@ def pack(flow: FlowEstimate) -> bytes:
     arrays = {
         name: np.asarray(value)
         for name, names, *_ in FIELDS
-        if (value := held(flow, names)) is not None and np.size(value)
+        if (value := part_at(flow, names)) is not None and np.size(value)
     }
     arrays["horizontal_functions"] = np.array(kind_of(flow))
     arrays["about"] = np.array(json.dumps(dict(flow.about)))

@@ -123,10 +123,10 @@ def depth_weights(functions: DepthFunctions, depth: Array, levels: Array) -> Arr
     if functions.kind == "gaussian":
         depth = np.clip(depth, levels[0], levels[-1])
         return np.asarray(np.exp(-0.5 * ((depth[:, None] - levels) / functions.length) ** 2))
-    return hats(depth, levels)
+    return hat_weights(depth, levels)
 
 
-def hats(at: NDArray[Any], knots: NDArray[Any]) -> Array:
+def hat_weights(at: NDArray[Any], knots: NDArray[Any]) -> Array:
     """Return the weights of increasing knots at positions, shape (n, T): linear between knots, constant outside."""
     if knots.size == 1:
         return np.ones((len(at), 1))

@@ -12,7 +12,7 @@ from replay_kit.core.arrays import Array, Mask, Times
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import checked_depth
-from replay_kit.core.geodesy import inside_grid, nearest, to_local
+from replay_kit.core.geodesy import inside_grid, nearest_node, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.words.quantities import to_time_ns
 from replay_kit.core.words.text import place_text, span_text, time_text
@@ -145,7 +145,7 @@ def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> M
         depth: [m], positive down.
     """
     places = np.stack(np.broadcast_arrays(east, north), axis=-1)
-    number = nearest(grid, places)
+    number = nearest_node(grid, places)
     points = np.column_stack([grid.east.ravel(), grid.north.ravel()])
     distance = np.hypot(*(places - points[number]).T).T
     depth = np.asarray(depth, dtype=np.float64)

@@ -23,7 +23,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array, Mask, Times
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.functions import hats
+from replay_kit.core.flow.functions import hat_weights
 from replay_kit.core.flow.local import Oscillation
 
 
@@ -68,7 +68,7 @@ class Process:
 
     def shares(self, times_ns: Times) -> Array:
         """Return the linear weights of the forecast times at times [ns, UTC], shape (n, T); constant outside them."""
-        return hats(times_ns, self.times_ns)
+        return hat_weights(times_ns, self.times_ns)
 
     def mean_at(self, time_ns: int) -> Array:
         """Return m at a time [ns, UTC], shape (Z, r)."""

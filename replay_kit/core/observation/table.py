@@ -37,7 +37,7 @@ Kind = Literal[
 ]
 
 
-def chosen(rows: Columns, at: Any) -> Rows:
+def chosen_rows(rows: Columns, at: Any) -> Rows:
     """Return a subset of the rows, without a copy if it is all of them in order."""
     if isinstance(at, np.ndarray) and rows:
         n = len(next(iter(rows.values())))
@@ -121,7 +121,7 @@ class Table:
 
     def rows(self, at: NDArray[Any] | slice) -> "Table":
         """Return a subset of the rows."""
-        columns = chosen(self.columns, at)
+        columns = chosen_rows(self.columns, at)
         places = self.time[at], self.order[at], self.position[at]
         return Table(self.kind, self.topic, self.input, *places, columns, self.fixed)
 

@@ -41,7 +41,7 @@ def announce(what: str, done: float = 0, total: float = 0) -> None:
     _SHOWN.get()(done, total, what)
 
 
-def counted(what: str, total: float) -> Callable[[], None]:
+def step_counter(what: str, total: float) -> Callable[[], None]:
     """Return a function that reports one more step done at each call."""
     done = count(1)
     return lambda: announce(what, next(done), total)

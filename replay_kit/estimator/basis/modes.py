@@ -30,17 +30,14 @@ from replay_kit.core.flow.functions import (
 )
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed, embedding
-from replay_kit.estimator.basis.shifts import (
-    shifted_copies,
-    shifted_residual,
-)
+from replay_kit.estimator.basis.shifts import shifted_copies, shifted_residual
 from replay_kit.estimator.basis.slices import (
     cell_size,
     correlation_length,
     decompose,
     ensemble_slices,
     exact_svd,
-    gathered,
+    gathered_slices,
     products,
     slice_blocks,
     strongest_functions,
@@ -266,7 +263,7 @@ def _default_basis(
         return ((part, block.reshape(-1, 2, block.shape[3])) for part, block in fields())
 
     if shift > 0.0:
-        whole = gathered(levels, len(nodes)).T
+        whole = gathered_slices(levels, len(nodes)).T
         copies = shifted_copies(whole[None, :-n_levels], nodes, shift).reshape(-1, whole.shape[1])
         both = np.concatenate([copies, whole[-n_levels:]]).reshape(-1, 2, len(nodes))
         # copies, taken node by node, diverge, and modes beyond the number of flows without divergence would be alike

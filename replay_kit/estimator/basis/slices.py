@@ -155,7 +155,7 @@ def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[A
     """
     n_slices = len(next(iter(blocks()))[1])
     if 2 * n_nodes * n_slices <= _SMALL or n_slices > 2 * n_nodes:
-        vectors, values = exact_svd(gathered(blocks, n_nodes), n_modes)
+        vectors, values = exact_svd(gathered_slices(blocks, n_nodes), n_modes)
     else:
         vectors, values = _by_slices(blocks, n_nodes, n_modes)
         vectors *= _signs(vectors)
@@ -180,7 +180,7 @@ def exact_svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:
     return (u * _signs(u))[:, : min(n_modes or rank, rank)], s
 
 
-def gathered(blocks: SliceBlocks, n_nodes: int) -> Array:
+def gathered_slices(blocks: SliceBlocks, n_nodes: int) -> Array:
     """Return all slices as columns, shape (2N, M)."""
     parts = sorted(blocks(), key=lambda each: each[0].start or 0)
     return np.concatenate([block for _, block in parts], axis=2).reshape(-1, 2 * n_nodes).T

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.prior.factor import Parts, PriorSettings, process_of
-from replay_kit.estimator.prior.fit import LEVEL_ERROR_STD, Members, predicted
+from replay_kit.estimator.prior.fit import LEVEL_ERROR_STD, Members, predicted_errors
 from replay_kit.estimator.update.evidence import KERNELS
 
 # Correlation of anomalies above which members are alike, and the largest share of all that one is left out with.
@@ -83,7 +83,7 @@ class MembersPrior:
         return of_kept, self.loading[sample.stop :], anomaly
 
 
-def alike(weights: Array, velocity_modes: Array) -> list[NDArray[np.intp]]:
+def alike_members(weights: Array, velocity_modes: Array) -> list[NDArray[np.intp]]:
     """Return the positions of the members that resemble each member, its own included.
 
     Args:
@@ -107,7 +107,7 @@ def calibration(prior: MembersPrior) -> float:
     """Return the factor on stated variances, at least 1; 1 if there are too few members to leave one out."""
     members, (some, modes) = prior.members, prior.members.some(_SCORED)
     stated = np.tile(prior.functions**2 @ prior.error[:, some] ** 2, 2)
-    groups, quantiles = alike(members.weights, members.velocity_modes), []
+    groups, quantiles = alike_members(members.weights, members.velocity_modes), []
     for i in members.left_out(_LEFT_OUT):
         if len(members.weights) - len(groups[i]) < 3:
             continue
@@ -115,7 +115,9 @@ def calibration(prior: MembersPrior) -> float:
         flat = np.concatenate(patterns).reshape(-1, anomaly.size)
         for count in _COLUMNS:
             rows = members.columns(count, i)
-            error, variance, of_noise = predicted(anomaly, flat.T @ flat, rows, prior.noise, modes)
+            error, variance, of_noise = predicted_errors(
+                anomaly, flat.T @ flat, rows, prior.noise, modes
+            )
             quantiles.append(np.quantile((error**2 + of_noise) / (variance + stated), 0.9))
     return max(1.0, float(np.mean(quantiles)) / _NORMAL) if quantiles else 1.0
 

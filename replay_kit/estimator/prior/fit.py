@@ -21,7 +21,7 @@ from scipy.linalg.blas import dtrsm
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation.evidence import crps_gaussian
-from replay_kit.core.words.progress import counted, each_call
+from replay_kit.core.words.progress import each_call, step_counter
 from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.prior.factor import PriorSettings, local_directions
 from replay_kit.estimator.prior.localised import tiles, vertical_functions
@@ -73,7 +73,7 @@ class Members:
         anomalies = weights - weights.mean(axis=0)
         n_nodes, by_distance = len(nodes), np.argsort(np.sum(anomalies**2, axis=(1, 2)))
         order, _ = tiles(_own_frame(nodes, _energy(anomalies, at_nodes)), max(1, n_nodes // _NODES))
-        some = order[evenly(min(_NODES, n_nodes), n_nodes)]
+        some = order[evenly_spaced(min(_NODES, n_nodes), n_nodes)]
         if weights.shape[1] > _DEPTH_FUNCTIONS:
             functions, _ = vertical_functions(anomalies)
             weights = functions[:_DEPTH_FUNCTIONS] @ weights
@@ -87,12 +87,12 @@ class Members:
             count: Number of columns, evenly spread over the order of the nodes.
             member: Position of the member; each has other columns, by the golden section.
         """
-        at = evenly(count, len(self.nodes), (0.5 + member * _GOLDEN) % 1.0)
+        at = evenly_spaced(count, len(self.nodes), (0.5 + member * _GOLDEN) % 1.0)
         return np.asarray(np.linalg.qr(self.at(at), mode="r"))
 
     def some(self, count: int) -> tuple[NDArray[np.intp], Array]:
         """Return an even subset of at most ``count`` nodes, and the modes there, shape (2 n, r)."""
-        nodes = evenly(min(count, len(self.nodes)), len(self.nodes))
+        nodes = evenly_spaced(min(count, len(self.nodes)), len(self.nodes))
         return nodes, self.at(nodes)
 
     def at(self, nodes: NDArray[np.intp]) -> Array:
@@ -102,10 +102,10 @@ class Members:
     def left_out(self, count: int) -> list[int]:
         """Return the positions of at most ``count`` members to leave out in turn; empty below four members."""
         n = len(self.weights)
-        return [int(member) for member in evenly(min(count, n), n)] if n > 3 else []
+        return [int(member) for member in evenly_spaced(min(count, n), n)] if n > 3 else []
 
 
-def evenly(count: int, total: int, first: float = 0.5) -> NDArray[np.intp]:
+def evenly_spaced(count: int, total: int, first: float = 0.5) -> NDArray[np.intp]:
     """Return evenly spaced positions among a total, the first at a fraction of the spacing."""
     return ((np.arange(count) + first) * (total / count)).astype(np.intp)
 
@@ -147,7 +147,7 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     if not left_out:
         return start
     some, fitted = left_out[::2], config.shift_distance is None
-    advance = counted("fitting the prior", len(left_out) + fitted * len(some))
+    advance = step_counter("fitting the prior", len(left_out) + fitted * len(some))
     each = scores(members, start, SHARES, left_out, advance)
     share = int(np.argmin(each.mean(axis=0)))
     chosen = replace(start, sample_share=SHARES[share])
@@ -217,19 +217,19 @@ def score_withheld(members: Members, truth: Array, prior: Array, rows: Array) ->
 
     Args:
         members: Members, whose modes are used.
-        truth: See ``predicted``.
-        prior: See ``predicted``.
-        rows: See ``predicted``; one observation error for all levels.
+        truth: See ``predicted_errors``.
+        prior: See ``predicted_errors``.
+        rows: See ``predicted_errors``; one observation error for all levels.
     """
     _, modes = members.some(_SCORED)
     noise = np.full(len(truth), LEVEL_ERROR_STD)
-    error, variance, of_noise = predicted(truth, prior, rows, noise, modes)
+    error, variance, of_noise = predicted_errors(truth, prior, rows, noise, modes)
     std, scatter = np.sqrt(variance), np.sqrt(of_noise)
     relative = np.mean(crps_gaussian(error, std, scatter)) / np.mean(np.abs(truth @ modes.T))
     return float(np.log(relative))
 
 
-def predicted(
+def predicted_errors(
     truth: Array, prior: Array, rows: Array, noise: Array, modes: Array
 ) -> tuple[Array, Array, Array]:
     """Return the error of currents estimated from observations, their variance, and the error variance due to noise; shapes (Z, n).

@@ -58,7 +58,7 @@ class Judgements:
         return np.asarray(self.statistic <= self.threshold)
 
 
-def judged(
+def judged_layout(
     innovation: Array,
     covariance: Array,
     residual: tuple[Array, int],
@@ -152,7 +152,7 @@ def assimilate(
     Args:
         state: State at the time of the columns.
         columns: Columns in order.
-        probability: See ``judged``.
+        probability: See ``judged_layout``.
     """
     if not columns:
         return state, []
@@ -205,7 +205,7 @@ class _Block:
         Args:
             column: Column.
             at: Slice of its unknowns.
-            probability: See ``judged``.
+            probability: See ``judged_layout``.
         """
         before, covariance = self.mean[at].copy(), self.covariance[at, at].copy()
         seen = [
@@ -224,7 +224,7 @@ class _Block:
             after_it = before_it + float(weights @ shared)
             weights = weights * (1.0 + shared) / ((1.0 + before_it) * (1.0 + after_it))
             self.seen = {**self.seen, column.node: after_it}
-        rows, y, residual = combined(seen, weights)
+        rows, y, residual = combined_column(seen, weights)
         m, left = len(rows), slice(at.start, None)
         lower = np.asarray(np.linalg.cholesky(rows @ covariance @ rows.T + np.eye(m)), np.float64)
         # of the unknowns of columns judged before nothing is asked any more
@@ -301,7 +301,7 @@ def _judgements(
 ) -> Judgements:
     """Return the gate decisions on all measurements of a column."""
     each = [
-        judged(
+        judged_layout(
             column.y - column.rows @ before,
             column.rows @ covariance @ column.rows.T,
             (column.square, column.left),
@@ -320,7 +320,7 @@ def _judgements(
     return Judgements(*parts)
 
 
-def combined(seen: Sequence[_Seen], weights: Array) -> tuple[Array, Array, float]:
+def combined_column(seen: Sequence[_Seen], weights: Array) -> tuple[Array, Array, float]:
     """Return combined measurements of a column: rows of unit noise, values, and the residual square.
 
     Args:

@@ -19,7 +19,7 @@ from scipy.linalg.lapack import dtrtri
 from replay_kit.core.arrays import Array, Indices
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights, gradient
 from replay_kit.core.flow.process import Process
-from replay_kit.core.geodesy import nearest, to_local
+from replay_kit.core.geodesy import nearest_node, to_local
 from replay_kit.core.observation import error_covariance, mean_longitude, mean_time
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.extras import Extras
@@ -295,7 +295,10 @@ class Observer:
         times = np.array([mean_time(columns["time"][at]) for columns, at in rows], np.int64)
         offset, modes = self._flows(basis.horizontal.velocity(places, self._latents))
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
-        known, nodes = offset.swapaxes(0, 1) + mean, nearest(grid, places, wet=True)  # (n, 2, Z)
+        known, nodes = (
+            offset.swapaxes(0, 1) + mean,
+            nearest_node(grid, places, wet=True),
+        )  # (n, 2, Z)
         for g, (group, at) in enumerate(zip(groups, ats, strict=True)):
             values, axes = group.local(at)
             parts = list[Part]()
@@ -390,13 +393,13 @@ class Observer:
             strict=True,
         )
         between = depth_weights(_LINEAR, linear.depth, grid.levels)
-        extra = np.sum(between * self.error(scale, nearest(grid, places, wet=True)).T, axis=1)
+        extra = np.sum(between * self.error(scale, nearest_node(grid, places, wet=True)).T, axis=1)
         measured, error = self._covariance(group, 0), weights @ extra
         relative = linear.reference == "relative"
         shared, node = 0.0, None
         if n == 1:
             # of one mean: a path's representation error is that near its middle
-            node = int(nearest(grid, weights @ places / weights.sum(), wet=True)[0])
+            node = int(nearest_node(grid, weights @ places / weights.sum(), wet=True)[0])
             shared = float(error[0] ** 2 / measured[0, 0])
         layout = Layout.of(
             np.empty((n, 0)), np.eye(n), measured + np.diag(error**2), relative, shared

@@ -155,7 +155,7 @@ def _few_members_factor(members: int) -> float:
     return max(1.0, factor / usual)
 
 
-def noted(state: State, updates: list[Update]) -> State:
+def with_decisions(state: State, updates: list[Update]) -> State:
     """Return the state with gate decisions recorded, as long as the prior variance is in doubt."""
     for update in updates if state.doubt is not None else ():
         doubt, rejected = state.doubt, not bool(update.judgements.accepted.all())

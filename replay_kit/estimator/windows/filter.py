@@ -9,7 +9,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Measurement
-from replay_kit.core.region import Region, centre, inside
+from replay_kit.core.region import Region, centre_of, inside_box
 from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.state import State
@@ -64,7 +64,7 @@ class WindowedEstimator(Estimator[WindowedState]):
     def window(self, state: WindowedState) -> Region:
         """Return the vehicle's window; before its first measurement one that contains its start, or its first one."""
         held = state.where.get(self.vehicle)
-        return held or state.holding(centre(self.first), self.bounds, 0.0) or self.first
+        return held or state.holding(centre_of(self.first), self.bounds, 0.0) or self.first
 
     def _own(self, state: WindowedState) -> tuple[ReducedBasisEstimator, State]:
         """Return estimator and state of the vehicle's window, the prior if there is none yet."""
@@ -95,7 +95,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         (estimator, state_of_window), window = self._own(state), self.window(state)
         found, states = list[Stepped[WindowedState]](), dict(state.states)
         for region, one in state.states.items() if self.vehicle not in state.strays else ():
-            held = [item for item in block if inside(region, *_places(item)).all()]
+            held = [item for item in block if inside_box(region, *_places(item)).all()]
             if region != window and held:
                 states[region] = self.build(region).assimilate(one, held)[0]
         before = replace(state, states=states)
@@ -109,7 +109,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         """Return whether an observation leaves the vehicle in its window for certain."""
         region, place = self.window(state), _place(observation)
         stays = next_window(region, self.margin, self.bounds, place) is None
-        return stays and self.vehicle not in state.strays and bool(inside(region, *place))
+        return stays and self.vehicle not in state.strays and bool(inside_box(region, *place))
 
     def moved(self, state: WindowedState, measurement: Measurement) -> WindowedState:
         """Return the state with the vehicle in the window required by a measurement."""
@@ -117,7 +117,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         if self.vehicle not in state.where:
             state = state.entered(self.vehicle, region, self._own(state)[1])
         strays, following = state.strays.get(self.vehicle, 0) + 1, None
-        if inside(region, *place) or not inside(self.bounds, *place):
+        if inside_box(region, *place) or not inside_box(self.bounds, *place):
             strays = 0
         if strays in (0, _STRAYS):
             following = next_window(region, self.margin, self.bounds, place)
@@ -137,12 +137,12 @@ class WindowedEstimator(Estimator[WindowedState]):
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a usable value, assuming water outside the first window, as windows are built on demand."""
         place, first = _place(observation), self.build(self.first)
-        if inside(self.first, *place):
+        if inside_box(self.first, *place):
             return first.usable(observation)
         columns = columns_of(observation)
         in_reach = columns["depth"] <= first.grid.levels[-1]
         known = np.isfinite(columns["velocity"]).all(axis=2) & in_reach
-        return bool(known.any() and inside(self.bounds, *place))
+        return bool(known.any() and inside_box(self.bounds, *place))
 
     def innovation(self, state: WindowedState, event: Measurement) -> Array:
         """Return measured minus predicted in the vehicle's window; see ``Estimator``."""

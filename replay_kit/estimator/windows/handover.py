@@ -21,7 +21,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.functions import with_potential
 from replay_kit.core.flow.process import Process
-from replay_kit.core.geodesy import inside_grid, nearest
+from replay_kit.core.geodesy import inside_grid, nearest_node
 from replay_kit.core.grid import Grid
 from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.state import State, conditioned
@@ -70,7 +70,7 @@ def hand_over(
     lost = change - next_modes @ np.linalg.lstsq(next_modes, held, rcond=1e-6)[0]
     # what is lost is as smooth as the combinations, not white from point to point: all of it lies in as many unknowns as there are of them
     missed = np.sum(lost**2, axis=0) / across.shape[1]
-    unheld = after.observer.error(begun.scale, nearest(after.grid, points, wet=True)) ** 2
+    unheld = after.observer.error(begun.scale, nearest_node(after.grid, points, wet=True)) ** 2
     error = np.repeat(vertical**2 @ (unheld.mean(axis=1) + missed), across.shape[1])
     lower = np.linalg.cholesky(np.diag((1.0 - share) / share) + (directions * error) @ directions.T)
     # what is known at zero unknowns differs too

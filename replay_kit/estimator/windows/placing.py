@@ -11,11 +11,11 @@ from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.region import (
     DEGREE,
     Region,
-    centre,
+    centre_of,
     degree_of_longitude,
-    inside,
-    rounded,
-    width,
+    inside_box,
+    rounded_box,
+    width_of,
 )
 from replay_kit.estimator.state import State
 
@@ -99,9 +99,9 @@ def next_window(
         place: Longitude and latitude of the vehicle [degrees].
     """
     room = room_in(region, bounds, place)
-    if room >= 0.5 * margin or not inside(bounds, *place):
+    if room >= 0.5 * margin or not inside_box(bounds, *place):
         return None
-    (x, y), half = centre(region), np.array([width(region), region[3] - region[1]]) / 2.0
+    (x, y), half = centre_of(region), np.array([width_of(region), region[3] - region[1]]) / 2.0
     at = np.array([float(unwrap_longitude(place[0], x)) - x, place[1] - y]) / half
     ahead = np.zeros(2)
     if room >= 0.0:
@@ -113,22 +113,22 @@ def next_window(
 
 def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float:
     """Return the distance of a position from the nearest side of a window inside the forecast [m]; negative outside it."""
-    (x, y), half = centre(region), np.array([width(region), region[3] - region[1]]) / 2.0
+    (x, y), half = centre_of(region), np.array([width_of(region), region[3] - region[1]]) / 2.0
     at = np.array([float(unwrap_longitude(place[0], x)) - x, place[1] - y])
     rooms = np.array([half + at, half - at]) * [degree_of_longitude(y), DEGREE]
     # of the west, south, east and north side from the forecast's
     inwards = (np.array(region) - bounds).reshape(2, 2) * [[1.0], [-1.0]]
-    inwards[:, 0] = (inwards[:, 0] + 180.0) % 360.0 - 180.0 if width(bounds) < 360.0 else np.inf
+    inwards[:, 0] = (inwards[:, 0] + 180.0) % 360.0 - 180.0 if width_of(bounds) < 360.0 else np.inf
     return float(rooms[inwards > _SAME].min(initial=np.inf))
 
 
 def moved_into(bounds: Region, middle: ArrayLike, half: Array) -> Region:
     """Return a window about a position, shape (2,), of half a width and height, moved into a box [degrees]."""
-    x, (east, north) = centre(bounds), np.asarray(middle, np.float64)
-    room = np.maximum(np.array([width(bounds), bounds[3] - bounds[1]]) / 2.0 - half, 0.0)
-    if width(bounds) < 360.0:
+    x, (east, north) = centre_of(bounds), np.asarray(middle, np.float64)
+    room = np.maximum(np.array([width_of(bounds), bounds[3] - bounds[1]]) / 2.0 - half, 0.0)
+    if width_of(bounds) < 360.0:
         away = float(unwrap_longitude(east, x[0])) - x[0]
         east = x[0] + np.clip(away, -room[0], room[0])
     at = np.array([east, x[1] + np.clip(north - x[1], -room[1], room[1])])
     (west, south), (east, north) = (at - half).tolist(), (at + half).tolist()
-    return rounded((west, south, east, north))
+    return rounded_box((west, south, east, north))

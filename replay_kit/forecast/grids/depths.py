@@ -89,7 +89,7 @@ class Levels:
     Attributes:
         depth: Depths, increasing, shape (Z,) [m].
         position: Positions in the file.
-        within: Range of depths that the levels of the file represent [m]; see ``reach``.
+        within: Range of depths that the levels of the file represent [m]; see ``depth_reach``.
         notes: Choices and assumptions.
     """
 
@@ -150,7 +150,7 @@ def choose_levels(
 
 def reach_of(levels: Array) -> tuple[float, float]:
     """Return the range of depths [m] that levels represent, shape (Z,)."""
-    least, greatest = reach(levels)
+    least, greatest = depth_reach(levels)
     return float(least), float(greatest)
 
 
@@ -204,7 +204,7 @@ def _bounds(variable: xr.DataArray, levels: int) -> bool:
     )
 
 
-def reach(depths: Array, surface: Array | float = 0.0) -> tuple[Array, Array]:
+def depth_reach(depths: Array, surface: Array | float = 0.0) -> tuple[Array, Array]:
     """Return the least and greatest depth that levels represent [m], each of the shape of one level.
 
     One level represents 15 m on either side. Several begin at the surface if the first lies within 15 m or half the first spacing of it,
@@ -231,7 +231,7 @@ def at_depths(
     Args:
         values: Values on levels, shape (..., Z, J, I).
         depths: Depths of the levels [m], shape (Z, J, I) or (Z, 1, 1), increasing.
-        within: Least and greatest depth that the levels represent [m], shape (J, I) each or a number; see ``reach``.
+        within: Least and greatest depth that the levels represent [m], shape (J, I) each or a number; see ``depth_reach``.
         wanted: Fixed depths, shape (L,) [m].
     """
     depths = np.broadcast_to(depths, values.shape[-3:])

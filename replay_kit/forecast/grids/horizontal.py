@@ -28,7 +28,7 @@ _STEPS = 12
 Index = NDArray[np.int64]
 
 
-def runs(index: Index) -> list[slice]:
+def index_runs(index: Index) -> list[slice]:
     """Return positions as slices of successive ones, which are read faster."""
     cuts = np.flatnonzero(np.diff(index) != 1) + 1
     return [slice(int(run[0]), int(run[-1]) + 1) for run in np.split(index, cuts)]
@@ -129,7 +129,9 @@ def turn_to_local(
     return np.asarray(along / np.abs(along))
 
 
-def turned(velocity: Values, turn: NDArray[np.complex128], out: Values | None = None) -> Values:
+def turned_velocity(
+    velocity: Values, turn: NDArray[np.complex128], out: Values | None = None
+) -> Values:
     """Return rotated velocities, shape (E, 2, Z, J, I), computed in double precision; ``out`` may be the input itself."""
     out = np.empty_like(velocity) if out is None else out
     cos, sin = turn.real, turn.imag
@@ -149,7 +151,7 @@ def in_frame(ensemble: Ensemble, projection: Projection) -> Ensemble:
     return replace(
         ensemble,
         grid=replace(grid, projection=projection, east=east, north=north),
-        velocity=turned(ensemble.velocity, other * turn.conj()),
+        velocity=turned_velocity(ensemble.velocity, other * turn.conj()),
     )
 
 

@@ -16,11 +16,11 @@ from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.words.text import count_text, span_text
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.grids.depths import Levels, at_depths, depths_text, reach, reach_of
+from replay_kit.forecast.grids.depths import Levels, at_depths, depth_reach, depths_text, reach_of
 from replay_kit.forecast.grids.layout import CENTRE, Layout
 from replay_kit.forecast.members.rules import WARNING, no_water
 from replay_kit.forecast.names import SHARE
-from replay_kit.forecast.variables import read
+from replay_kit.forecast.variables import read_variable
 
 #: Begins the note on water that no level is near.
 LEFT_DRY = "left dry: "
@@ -95,10 +95,10 @@ def read_terrain(field: Field, layout: Layout, surface: Array | None) -> Terrain
             f"{field.where}: {dim} numbers terrain-following levels, whose depths need {', '.join(missing)} too; give the grid: --ensemble"
         )
     name = found.pop("h")
-    bed = read(field, layout, name)[0, 0].astype(np.float64)
+    bed = read_variable(field, layout, name)[0, 0].astype(np.float64)
     surface = None if surface is None else np.nan_to_num(surface)
     if SHARE in ds.variables:
-        share = read(field, layout, SHARE).astype(np.float64)
+        share = read_variable(field, layout, SHARE).astype(np.float64)
         return Terrain(name, bed, share, surface, "sigma")
     s, c, hc, transform = (
         np.asarray(ds[variable].values, np.float64).reshape(-1, 1, 1) for variable in found.values()
@@ -176,7 +176,7 @@ def _at_depths(
     down = slice(None, None, -1 if means[0] > means[-1] else 1)
     for k, field in enumerate(velocity):
         depths, height = terrain.of_member(k)
-        top, bottom = reach(depths[down], height)
+        top, bottom = depth_reach(depths[down], height)
         bottom = h if ends_at_bed else np.minimum(bottom, h)
         found.append(at_depths(field[:, down], depths[down], (top, bottom), levels))
         beyond |= (at <= h) & ~((top <= at) & (at <= bottom))

@@ -11,7 +11,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.files.paths import Paths
 from replay_kit.core.words.text import some_text
 from replay_kit.forecast.field import Field, Files, field_of
-from replay_kit.forecast.files import find_sources, natural, source_of
+from replay_kit.forecast.files import find_sources, natural_order, source_of
 from replay_kit.forecast.grids.layout import U, V
 from replay_kit.forecast.members.pairs import pair_files
 from replay_kit.forecast.members.rules import (
@@ -189,7 +189,7 @@ def _labelled(holders: list[Field], rule: MemberRule) -> list[Field]:
     if rule.kind == "files":
         labels = label_files([file.paths[0] for file in holders], rule.name)
         us, vs = (
-            sorted((file.paths[0] for file in holders if file.holds == one), key=natural)
+            sorted((file.paths[0] for file in holders if file.holds == one), key=natural_order)
             for one in ((True, False), (False, True))
         )
         if len(set(labels.values())) == len(us) + len(vs) == len(holders):
@@ -197,7 +197,7 @@ def _labelled(holders: list[Field], rule: MemberRule) -> list[Field]:
             labels |= dict(zip([*us, *vs], [u.name for u in us] * 2, strict=False))
         return sorted(
             (replace(file, label=labels[file.paths[0]]) for file in holders),
-            key=lambda file: natural(Path(file.label)),
+            key=lambda file: natural_order(Path(file.label)),
         )
     if rule.kind == "lags":
         return sorted(

@@ -10,7 +10,7 @@ import xarray as xr
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.words.text import count_text, some_text
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.files import natural
+from replay_kit.forecast.files import natural_order
 from replay_kit.forecast.grids.layout import DIRECTION, STAGGERED, U, V
 from replay_kit.forecast.names import MESH, Current, find_time
 
@@ -77,7 +77,7 @@ def pair_files(files: Sequence[Field], grids: Sequence[Field]) -> tuple[Field, .
             f"{more.where}: holds {more.current.u or more.current.v} and no {missing}; {count_text(len(us), 'file')} of u and "
             f"{len(vs)} of v belong together{as_member}: give a file of {missing} for each file of {name}"
         )
-    in_order = [sorted(group, key=lambda file: natural(file.paths[0])) for group in (us, vs)]
+    in_order = [sorted(group, key=lambda file: natural_order(file.paths[0])) for group in (us, vs)]
     pairs = [(file, file) for file in both] + list(zip(*in_order, strict=True))
     fields = [_pair(u, v, grids) for u, v in pairs]
     if all(field.times.size for field in fields):

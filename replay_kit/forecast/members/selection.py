@@ -13,7 +13,7 @@ from replay_kit.core.words.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.members.collection import Collection
 from replay_kit.forecast.members.rules import WARNING
-from replay_kit.forecast.members.times import choose_time, date_text, nearest, wanted_time
+from replay_kit.forecast.members.times import choose_time, date_text, nearest_position, wanted_time
 
 _DAY_NS = 86_400 * 10**9
 _YEAR_NS = 365.25 * _DAY_NS
@@ -174,7 +174,7 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
 
 def _nearest(times: Times, wanted: int | None) -> int:
     """Return the time nearest to a wanted one [ns, UTC]; the last if None."""
-    return int(times.max() if wanted is None else times[nearest(times, wanted)])
+    return int(times.max() if wanted is None else times[nearest_position(times, wanted)])
 
 
 def _time_of_lead(found: Collection, lead: float, common: Times) -> int:
@@ -184,7 +184,7 @@ def _time_of_lead(found: Collection, lead: float, common: Times) -> int:
         raise ForecastError(
             f"{found.source}: a lead was given, but these runs state times alone; choose one with forecast.time"
         )
-    time = found.members[-1][0].times[nearest(run["lead"].values.astype(float), lead)]
+    time = found.members[-1][0].times[nearest_position(run["lead"].values.astype(float), lead)]
     if time not in common:
         raise ForecastError(
             f"{found.source}: lead {lead:g} of the newest run is valid {date_text(time)}; expected {date_text(common[0])} to "

@@ -12,7 +12,7 @@ from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import Caveat, ForecastError
 from replay_kit.core.words.quantities import parse_time, seconds
 from replay_kit.forecast.field import PRODUCT, Field
-from replay_kit.forecast.files import undated
+from replay_kit.forecast.files import why_undated
 from replay_kit.forecast.members.rules import MemberRule
 from replay_kit.forecast.names import find_dimension, find_lead, find_time
 
@@ -68,7 +68,7 @@ def steps_of(field: Field, config: ForecastConfig, wanted: int | None = None) ->
         return Steps({}, time, times, values, unit)
     at, start = dict[str, int](), None
     if time is not None:
-        at = {time: 0 if wanted is None or not times.size else nearest(times, wanted)}
+        at = {time: 0 if wanted is None or not times.size else nearest_position(times, wanted)}
     if time is not None and times.size:
         start = int(times[at[time]])
     elif config.reference_time:
@@ -83,7 +83,7 @@ def steps_of(field: Field, config: ForecastConfig, wanted: int | None = None) ->
     return Steps(at, field.lead, valid, values, unit, -1)
 
 
-def nearest(values: Times | Array, wanted: float) -> int:
+def nearest_position(values: Times | Array, wanted: float) -> int:
     """Return the position of the value nearest to a wanted one."""
     return int(np.argmin(np.abs(values - wanted)))
 
@@ -111,7 +111,7 @@ def choose_time(
         )
     undated_times = ways = ""
     if steps.dim is not None and field.lead is None and steps.values is not None:
-        undated_times = f"{steps.dim} has no dates ({undated(field.ds[steps.dim])})"
+        undated_times = f"{steps.dim} has no dates ({why_undated(field.ds[steps.dim])})"
         ways = (
             f"--lead takes another by its {steps.unit} since the first, 0 to {steps.values[-1]:g}"
         )
@@ -120,9 +120,9 @@ def choose_time(
         raise ForecastError(f"{where}: a time was chosen, but {lacks}; remove the option")
     position = steps.usual
     if config.lead is not None and steps.values is not None:
-        position = nearest(steps.values, config.lead)
+        position = nearest_position(steps.values, config.lead)
     elif steps.valid.size and wanted is not None:
-        position = nearest(steps.valid, wanted)
+        position = nearest_position(steps.valid, wanted)
     notes = list[str]()
     if steps.values is not None:
         value = f"{steps.values[position]:g} {steps.unit}".strip()

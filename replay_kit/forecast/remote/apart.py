@@ -43,7 +43,7 @@ def asking() -> Iterator[None]:
         _ASKING.reset(token)
 
 
-def apart(function: Callable[..., _Value], *arguments: Any, what: str) -> _Value:
+def call_apart(function: Callable[..., _Value], *arguments: Any, what: str) -> _Value:
     """Return the value of a call in a separate process, whose progress and log messages are passed on.
 
     Args:

@@ -17,7 +17,7 @@ import xarray as xr
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError, ReplayKitError
 from replay_kit.core.files.paths import Address, Paths, addresses_in, as_groups
-from replay_kit.core.region import inside
+from replay_kit.core.region import inside_box
 from replay_kit.core.words.progress import announce
 from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.grids.horizontal import Index
@@ -272,7 +272,7 @@ def covers(
     try:
         wanted, times = record["wanted"], record["times"]
         region = wanted["region"]
-        if region is not None and len(places) and not inside(tuple(region), *places.T).all():
+        if region is not None and len(places) and not inside_box(tuple(region), *places.T).all():
             return False
         if deepest is not None and wanted["deepest"] is not None and wanted["deepest"] < deepest:
             return False

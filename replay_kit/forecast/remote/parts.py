@@ -19,7 +19,7 @@ from replay_kit.forecast.grids.horizontal import Index
 from replay_kit.forecast.grids.layout import CENTRE, Layout, U, V, lay_out
 from replay_kit.forecast.grids.s_levels import follows_terrain
 from replay_kit.forecast.members.rules import MADE
-from replay_kit.forecast.members.times import nearest, steps_of, valid_times
+from replay_kit.forecast.members.times import nearest_position, steps_of, valid_times
 from replay_kit.forecast.names import find_depth, find_lead, find_time
 from replay_kit.forecast.remote.servers import open_address
 
@@ -90,7 +90,7 @@ def _depth_range(
 ) -> slice:
     """Return the range of required levels by depth, with one more on each side of those requested."""
     if levels is not None:
-        at = [nearest(depth, level) for level in levels]
+        at = [nearest_position(depth, level) for level in levels]
         return slice(max(0, min(at) - 1), max(at) + 2)
     if deepest is None:
         return slice(None)
@@ -140,7 +140,7 @@ def _time_range(
     dated = kind == "lags" if runs is not None else time is not None
     chosen = (parse_time(config.time),) * 2 if config.time and dated else None
     if lead is not None and config.lead is not None:
-        at = nearest(ds[lead].values.astype(float), config.lead)
+        at = nearest_position(ds[lead].values.astype(float), config.lead)
         if kind != "lags" or runs is None:
             return {lead: np.array([at])}
         # that of the newest run
@@ -160,7 +160,9 @@ def _time_range(
             f"{time_text(first)} to {time_text(last)}; give one of that time, or choose one of "
             "these with forecast.time"
         )
-    found = _needed(times[None], ("", dim), first, last).get(dim, np.array([nearest(times, first)]))
+    found = _needed(times[None], ("", dim), first, last).get(
+        dim, np.array([nearest_position(times, first)])
+    )
     # what changes in time is read as such only where there are two
     if found.size == 1 < times.size and not chosen:
         found = np.arange(2) + min(found[0], times.size - 2)

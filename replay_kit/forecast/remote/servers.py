@@ -1,6 +1,6 @@
 """Data sets on servers, opened by address: Zarr and NetCDF over https by fsspec, OPeNDAP by netCDF4.
 
-Values are received when used. All access happens in a separate process (``apart``), as a library may hang or crash.
+Values are received when used. All access happens in a separate process (``call_apart``), as a library may hang or crash.
 """
 
 import asyncio

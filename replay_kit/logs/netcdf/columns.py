@@ -117,10 +117,10 @@ def _flags_of(file: NetcdfFile, name: str) -> list[str]:
     held = file.variables
     named = held[name].text("ancillary_variables").split()
     stated = [one for one in named if one in held and _meanings(held[one])]
-    return deciding(stated) or stated or [one for one in flag_names(name) if one in held]
+    return deciding_flags(stated) or stated or [one for one in flag_names(name) if one in held]
 
 
-def deciding(names: Collection[str]) -> list[str]:
+def deciding_flags(names: Collection[str]) -> list[str]:
     """Return the names of the flags that decide: those that sum up all tests, without any those of single tests."""
     summed, tests = (
         [name for name in names if re.fullmatch(pattern, name, re.IGNORECASE)]
@@ -343,7 +343,7 @@ def _profile(values: Table, n: int, order: Indices) -> Table:
     return {"depth": depth, "east": east[order], "north": north[order]}
 
 
-def joined(parts: Sequence[Columns]) -> Columns:
+def joined_columns(parts: Sequence[Columns]) -> Columns:
     """Return the joined columns of several files of one mission, in order of time.
 
     Raises:
@@ -355,7 +355,9 @@ def joined(parts: Sequence[Columns]) -> Columns:
         raise LogError(
             "expected one file with absolute profiles in a log, got several; give them one by one"
         )
-    columns = Columns(*(stacked([t for t in tables if t]) for tables in zip(*parts, strict=True)))
+    columns = Columns(
+        *(stacked_tables([t for t in tables if t]) for tables in zip(*parts, strict=True))
+    )
     order = np.argsort(columns.samples["time"], kind="stable")
     return columns._replace(samples=rows_of(columns.samples, order))
 
@@ -365,7 +367,7 @@ def rows_of(table: Table, rows: NDArray[Any]) -> Table:
     return {key: column[rows] for key, column in table.items()}
 
 
-def stacked(tables: Sequence[Table], unknown: float = np.nan) -> Table:
+def stacked_tables(tables: Sequence[Table], unknown: float = np.nan) -> Table:
     """Return concatenated tables; missing columns are ``unknown``, times 0."""
     sizes = [len(next(iter(table.values()))) for table in tables]
     keys = dict.fromkeys(key for table in tables for key in table)

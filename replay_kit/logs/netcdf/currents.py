@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Indices
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Fix
-from replay_kit.logs.netcdf.columns import Columns, Table, are_known, rows_of, stacked
+from replay_kit.logs.netcdf.columns import Columns, Table, are_known, rows_of, stacked_tables
 from replay_kit.logs.netcdf.dialect import Dialect
 from replay_kit.logs.payloads import number, stamp
 from replay_kit.logs.reader import Told
@@ -60,7 +60,7 @@ def fixes_of(columns: Columns, told: Told) -> Table:
     """
     samples = columns.samples
     at_fixes = places_in(columns.gps, "gps_")
-    found = stacked([at_fixes, places_in(samples, "end_")])
+    found = stacked_tables([at_fixes, places_in(samples, "end_")])
     # files repeat the fix, or write none, at each sample of a dive: only a time without a place in a table of fixes is a loss
     is_table = at_fixes["time"].size not in (0, samples["time"].size)
     lost = int((~are_known(found)).sum()) if is_table else 0

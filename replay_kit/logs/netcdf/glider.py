@@ -12,13 +12,8 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
 from replay_kit.core.words.text import count_text
 from replay_kit.logs.netcdf.adcp import INVERTED, PROFILES, absolute_profiles
-from replay_kit.logs.netcdf.columns import Table, are_known, joined, read_columns
-from replay_kit.logs.netcdf.currents import (
-    DiveMean,
-    fixes_of,
-    mean_currents,
-    places_in,
-)
+from replay_kit.logs.netcdf.columns import Table, are_known, joined_columns, read_columns
+from replay_kit.logs.netcdf.currents import DiveMean, fixes_of, mean_currents, places_in
 from replay_kit.logs.netcdf.dialect import MISSIONS, Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.payloads import DIVE_MEAN, FIX, Entry, entries, fix_entries, location_fix
@@ -52,7 +47,7 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
         lines = count_text(left_out, "line")
         notes.append(f"{lines} with fewer or more columns than the heading, not used")
     told.mission = _one_mission(files, dialect, notes)
-    columns = joined([read_columns(file, dialect, told) for file in files])
+    columns = joined_columns([read_columns(file, dialect, told) for file in files])
     samples = columns.samples
     fixes = fixes_of(columns, told)
     means = mean_currents(columns, fixes, dialect, told)

@@ -16,7 +16,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.words.text import count_text
-from replay_kit.logs.netcdf.columns import deciding, is_failed, worst_flag
+from replay_kit.logs.netcdf.columns import deciding_flags, is_failed, worst_flag
 from replay_kit.logs.netcdf.surface import LIGHT, RADAR, USUAL_ERROR, depth_of
 from replay_kit.logs.payloads import Entry, numbers, stamp
 from replay_kit.logs.reader import LogFile, Told, WholeLog, read_bytes
@@ -190,7 +190,7 @@ def _radials(file: Header) -> tuple[dict[str, Array], Counter[str]]:
     errors = [held[name] for name in _ERRORS if name in held] or [np.full(n, USUAL_ERROR)]
     std = np.fmax.reduce([np.where(each < _NO_ERROR, each, np.nan) for each in errors])
     flag = held.get("VFLG", np.zeros(n)).astype(np.int64)
-    tests = deciding(names)
+    tests = deciding_flags(names)
     quality = worst_flag([held[name].astype(np.int8) for name in tests], (n,))
     over_land, failed, unflagged = flag & _OVER_LAND > 0, is_failed(quality), flag == 0
     dropped = {

@@ -18,7 +18,7 @@ from replay_kit.logs.netcdf.columns import (
     Table,
     are_known,
     as_qartod,
-    deciding,
+    deciding_flags,
     is_failed,
     read_values,
     worst_flag,
@@ -121,7 +121,7 @@ def _vectors(
         for key in ("east_error", "north_error")
     }
     held = {n: v for n, v in file.variables.items() if v.values.size == math.prod(shape)}
-    flags = [as_qartod(held[name]).reshape(shape) for name in deciding(held)]
+    flags = [as_qartod(held[name]).reshape(shape) for name in deciding_flags(held)]
     columns["flag"] = worst_flag(flags, shape)
     measured = np.isfinite(columns["east"] + columns["north"])
     failed = measured & is_failed(columns["flag"])

@@ -34,7 +34,7 @@ _SEGMENT = re.compile(r"(.+)-\d{4}-\d{1,3}-\d+-\d+")
 _SENSOR = re.compile(rb"s: ([TF]) +(\d{1,5}) +(-?\d{1,5}) +([1248]) (\S+) (\S*)[^\n]*\n")
 
 
-def unpacked(stored: bytes, most: int = 1 << 40) -> tuple[bytes, int]:
+def unpacked_file(stored: bytes, most: int = 1 << 40) -> tuple[bytes, int]:
     """Return the bytes of a file, decompressed up to the first damaged block, and the offset of that; -1 without one.
 
     Args:
@@ -137,14 +137,16 @@ def read_header(path: Path, data: bytes) -> Header:
 def first_header(path: Path) -> Header | None:
     """Return the header of a file, reading only its first bytes; None if that cannot be read."""
     try:
-        return read_header(path, unpacked(read_bytes(path, _BLOCK + 2), 1)[0][:_LARGEST_HEADER])
+        return read_header(
+            path, unpacked_file(read_bytes(path, _BLOCK + 2), 1)[0][:_LARGEST_HEADER]
+        )
     except LogError:
         return None
 
 
 def sensor_list(path: Path) -> bytes:
     """Return the contents of a cache, decompressed."""
-    return unpacked(read_bytes(path, _LARGEST_LIST), _LARGEST_LIST)[0]
+    return unpacked_file(read_bytes(path, _LARGEST_LIST), _LARGEST_LIST)[0]
 
 
 def sensors_of(

@@ -13,7 +13,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Loss
-from replay_kit.logs.netcdf.columns import rows_of, stacked
+from replay_kit.logs.netcdf.columns import rows_of, stacked_tables
 from replay_kit.logs.netcdf.dialects import SLOCUM_BINARY, log_of_columns
 from replay_kit.logs.netcdf.units import from_minutes
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
@@ -27,7 +27,7 @@ from replay_kit.logs.slocum.cycles import (
     read_header,
     sensor_list,
     sensors_of,
-    unpacked,
+    unpacked_file,
 )
 
 #: The sensors with the time of a cycle [s since 1970], of the flight and the science computer.
@@ -81,8 +81,8 @@ class Rows(NamedTuple):
     @classmethod
     def joined(cls, parts: Sequence["Rows"]) -> "Rows":
         """Return the cycles of several files in order of time; missing sensors count as not written."""
-        held = stacked([{"time": part.time, **part.held} for part in parts])
-        written = stacked([{"time": part.time, **part.written} for part in parts], 0)
+        held = stacked_tables([{"time": part.time, **part.held} for part in parts])
+        written = stacked_tables([{"time": part.time, **part.written} for part in parts], 0)
         order = np.argsort(held["time"], kind="stable")
         held, written = rows_of(held, order), rows_of(written, order)
         units = {name: unit for part in parts for name, unit in part.units.items()}
@@ -280,7 +280,7 @@ def read_segment(path: Path, caches: Path | None, list_of: Callable[[Path], byte
         LogError: The file or its list of sensors cannot be read.
     """
     stored = read_bytes(path)
-    data, lost_at = unpacked(stored)
+    data, lost_at = unpacked_file(stored)
     header = read_header(path, data)
     sensors, at = sensors_of(header, data, caches, list_of)
     cycles = read_cycles(data, at, sensors, WANTED)

@@ -57,7 +57,7 @@ def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     return found
 
 
-def some(raw: Raw, chosen: Mask) -> Raw:
+def some_messages(raw: Raw, chosen: Mask) -> Raw:
     """Return the chosen messages of a topic."""
     if chosen.all():
         return raw
@@ -65,34 +65,34 @@ def some(raw: Raw, chosen: Mask) -> Raw:
     return Raw(raw.topic, raw.schema, raw.input, *at_rows, tuple(compress(raw.payloads, chosen)))
 
 
-def table(raw: Raw, kind: Kind, at: Any, columns: Columns, fixed: Mapping[str, Any]) -> Table:
+def table_of(raw: Raw, kind: Kind, at: Any, columns: Columns, fixed: Mapping[str, Any]) -> Table:
     """Return a table of a subset of a topic's messages."""
     at_rows = raw.time[at], raw.order[at], raw.position[at]
     return Table(kind, raw.topic, raw.input, *at_rows, columns, fixed)
 
 
-def unused(raw: Raw, reasons: Any, times: Any = 1) -> Tables:
+def unused_table(raw: Raw, reasons: Any, times: Any = 1) -> Tables:
     """Return the table of excluded messages, each ``times`` times; empty without any."""
     words = np.full(len(raw.time), reasons, object)
     at = np.repeat(np.arange(words.size), times)
     at = at[words[at] != ""]
-    return [table(raw, "unused", at, {"reason": words[at]}, {})] if at.size else []
+    return [table_of(raw, "unused", at, {"reason": words[at]}, {})] if at.size else []
 
 
-def kept(raw: Raw, rows: Rows) -> Tables:
+def used_and_unused(raw: Raw, rows: Rows) -> Tables:
     """Return the tables of used and excluded messages."""
     n = len(raw.time)
-    words = np.broadcast_to(why(rows.reasons), n)
+    words = np.broadcast_to(first_reason(rows.reasons), n)
     good = words == ""
     columns = {
         name: np.broadcast_to(column, (n, *np.shape(column)[1:]))[good]
         for name, column in rows.columns.items()
     }
-    used = [table(raw, rows.kind, good, columns, rows.fixed)] if good.any() else []
-    return unused(raw, words) + used
+    used = [table_of(raw, rows.kind, good, columns, rows.fixed)] if good.any() else []
+    return unused_table(raw, words) + used
 
 
-def why(reasons: Mapping[str, Any]) -> Any:
+def first_reason(reasons: Mapping[str, Any]) -> Any:
     """Return the first reason that applies to each message, or empty, from masks, shape (n,)."""
     found = np.full(np.broadcast_shapes(*map(np.shape, reasons.values())), "")
     for word, holds in [*reasons.items()][::-1]:
@@ -112,7 +112,7 @@ def read_each(
         payloads: Payloads.
         read: Returns the values of a row, a single value, or the reason for exclusion.
     """
-    found, named = [guarded(read, payload) for payload in payloads], names.split()
+    found, named = [result_or_reason(read, payload) for payload in payloads], names.split()
     words = [row if isinstance(row, str) else "" for row in found]
     values = np.empty((len(found), len(named)), object)
     values[:] = [row if isinstance(row, tuple) else (row,) * len(named) for row in found]
@@ -120,7 +120,7 @@ def read_each(
     return Rows(kind, dict(zip(named, values.T, strict=True)), reasons)
 
 
-def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
+def result_or_reason(read: Callable[[Payload], Any], payload: Payload) -> Any:
     """Return the result of reading a payload, or the reason of a failure, without values so that equal reasons are counted together."""
     try:
         return read(payload)
@@ -143,12 +143,12 @@ def field(payloads: Sequence[Any], path: str) -> Sequence[Any]:
     return values
 
 
-def stated(payloads: Sequence[Payload], names: str, part: str = "") -> list[Array]:
+def stated_numbers(payloads: Sequence[Payload], names: str, part: str = "") -> list[Array]:
     """Return numeric fields of a part of messages as columns, shape (n,); NaN if missing."""
     return [numbers(field(payloads, part + name)) for name in names.split()]
 
 
-def regular(values: Sequence[Any]) -> Array:
+def regular_array(values: Sequence[Any]) -> Array:
     """Return nested lists as an array, NaN where not finite; a single NaN for ragged or other contents."""
     try:
         plain = np.array(values, np.float64)
@@ -160,7 +160,7 @@ def regular(values: Sequence[Any]) -> Array:
 
 def numbers(values: Sequence[Any]) -> Array:
     """Return values as numbers, shape (n,); NaN for others and infinities."""
-    plain = regular(values)
+    plain = regular_array(values)
     return plain if plain.ndim == 1 else np.array([*map(number, values)], np.float64)
 
 
@@ -173,9 +173,9 @@ def number(value: Any) -> float:
     return result if math.isfinite(result) else math.nan
 
 
-def rows(values: Sequence[Any], least: int = 0) -> Array:
+def padded_rows(values: Sequence[Any], least: int = 0) -> Array:
     """Return rows of any lengths, shape (n, longest, or at least ``least``); NaN where missing or no number."""
-    plain = regular(values)
+    plain = regular_array(values)
     if plain.ndim == 1:
         plain = plain[:, None]
     if plain.ndim != 2:
@@ -201,7 +201,7 @@ def dive_number(value: Any) -> int:
     return value if type(value) is int and 0 <= value <= _LARGEST_DIVE else -1
 
 
-def word(value: Any, known: Sequence[str]) -> str:
+def known_word(value: Any, known: Sequence[str]) -> str:
     """Return a known word, given as text or number; other values as shortened text."""
     code = whole_number(value)
     if code is not None and 0 <= code < len(known):
@@ -229,9 +229,9 @@ def velocity_cells(payloads: Sequence[Payload], systems: Sequence[str]) -> Array
             "ping: expected n_cells >= 1 and a list of velocities, "
             f"got n_cells {shorten(said)} and velocity {type(values[0]).__name__}"
         )
-    plain = by_cell(regular(values), m)
+    plain = by_cell(regular_array(values), m)
     if plain is None or plain.shape[2] < 2:
-        earth = word(payloads[0].get("coordinate_system"), systems) == "earth"
+        earth = known_word(payloads[0].get("coordinate_system"), systems) == "earth"
         plain = np.array([_cells_of(value, m, earth) for value in values])
     return _padded(plain, 3)
 
@@ -256,7 +256,7 @@ def _cells_of(cells: Sequence[Any], m: int, earth: bool) -> Array:
         raise MeasurementError(
             f"ping: expected {m} cells of east, north[, up], got {len(cells)} cells"
         )
-    return rows([_components(cell, earth) for cell in cells])
+    return padded_rows([_components(cell, earth) for cell in cells])
 
 
 def _components(cell: Any, earth: bool) -> Sequence[Any]:

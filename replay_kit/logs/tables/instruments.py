@@ -38,15 +38,15 @@ from replay_kit.logs.tables.columns import (
     by_cell,
     dive_number,
     field,
+    known_word,
     number,
-    regular,
-    rows,
-    stated,
-    table,
-    unused,
+    padded_rows,
+    regular_array,
+    stated_numbers,
+    table_of,
+    unused_table,
     velocity_cells,
     whole_number,
-    word,
 )
 
 SYSTEMS = ("beam", "instrument", "ship", "earth")
@@ -88,7 +88,7 @@ STD_BELIEVED = (1e-6, 1e3)
 _NO_REFERENCE = "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference"
 
 
-def pings(
+def ping_tables(
     raw: Raw,
     payloads: Sequence[Any],
     config: MeasurementConfig,
@@ -125,8 +125,8 @@ def pings(
                 left += at[::2], at[1::2]
         else:
             columns |= {"messages": counts[at], "place": place[at]}
-            found.append(table(raw, "ping", np.array(at), columns, fixed))
-    return found + unused(raw, reasons, counts)
+            found.append(table_of(raw, "ping", np.array(at), columns, fixed))
+    return found + unused_table(raw, reasons, counts)
 
 
 def _grouped(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
@@ -157,23 +157,23 @@ def _columns(
     """
     fixed, velocity = _instrument(payloads[0], config), velocity_cells(payloads, SYSTEMS)
     n, m, _ = velocity.shape
-    errors = rows([value or None for value in field(payloads, "velocity_std")])
+    errors = padded_rows([value or None for value in field(payloads, "velocity_std")])
     if errors.shape[1] not in (1, m):
         raise MeasurementError(
             f"ping: expected velocity_std to be a number or {m} numbers, got {errors.shape[1]}"
         )
     found: dict[str, NDArray[Any]] = {
-        **{name: stated(payloads, path)[0] for name, path in _NUMBERS.items()},
+        **{name: stated_numbers(payloads, path)[0] for name, path in _NUMBERS.items()},
         "dive": np.array([*map(dive_number, field(payloads, "dive"))], np.int64),
         # an unknown unit is that of a config that says none
         "velocity": velocity * (metres_per_second(config.velocity_unit or "m/s") or 1.0),
         "distance": _distance(payloads, n, m),
-        "error_std": np.broadcast_to(believed(errors), (n, m)),
-        "bottom": rows(_lists(field(payloads, "bottom_track.velocity"), 3), 4),
+        "error_std": np.broadcast_to(believed_errors(errors), (n, m)),
+        "bottom": padded_rows(_lists(field(payloads, "bottom_track.velocity"), 3), 4),
         "bottom_range": np.fmin.reduce(
-            rows(_lists(field(payloads, "bottom_track.distance")), 1), axis=1
+            padded_rows(_lists(field(payloads, "bottom_track.distance")), 1), axis=1
         ),
-        "platform": np.column_stack(stated(payloads, "east north", "platform_velocity.")),
+        "platform": np.column_stack(stated_numbers(payloads, "east north", "platform_velocity.")),
     }
     for name in QUALITY:
         values, found[f"no_{name}"] = _by_cell(field(payloads, name), name, n, m)
@@ -194,7 +194,7 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
         if config.reference is None:
             raise MeasurementError(_NO_REFERENCE)
         said = {**payload, "reference": config.reference}.get
-    words = {name: word(said(name), known) for name, known in WORDS.items()}
+    words = {name: known_word(said(name), known) for name, known in WORDS.items()}
     for name, value in words.items():
         if value not in WORDS[name]:
             raise MeasurementError(
@@ -208,11 +208,11 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
         "vectors": _vectors(vectors) if vectors else None,
         # a number in MAVLink, as that of the declination
         "bin_mapped": number(said("bin_mapped")) == 1.0,
-        "noise_floor": rows([said("noise_floor")], 1)[0],
+        "noise_floor": padded_rows([said("noise_floor")], 1)[0],
         "needs_depth": said("vehicle_depth_needed") is True,
         "correlation_depth": number(said("correlation_depth")),
         "derived": said("derived") is True,
-        "convention": word(said("attitude_convention"), ("teledyne", "nortek")),
+        "convention": known_word(said("attitude_convention"), ("teledyne", "nortek")),
         "gimbal": said("gimbal_pitch") is True,
         "tilt_applied": said("tilt_applied") is not False,
         "declination_applied": {1.0: True, 0.0: False}.get(number(said("declination_applied"))),
@@ -221,11 +221,11 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
 
 def _vectors(value: Any) -> Array:
     """Return vectors, nested or flat (protobuf), shape (b, 3); (0, 3) if invalid."""
-    plain = regular([value])
+    plain = regular_array([value])
     return plain.reshape(-1, 3) if plain.size % 3 == 0 else np.empty((0, 3))
 
 
-def believed(errors: Array) -> Array:
+def believed_errors(errors: Array) -> Array:
     """Return errors [m/s]; NaN where implausible."""
     least, most = STD_BELIEVED
     return np.where((errors >= least) & (errors <= most), errors, np.nan)
@@ -239,7 +239,7 @@ def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
     """
     listed = field(payloads, "cell_distances")
     if {*map(type, listed)} != {NoneType}:
-        found = by_cell(rows(_lists(listed)), m)
+        found = by_cell(padded_rows(_lists(listed)), m)
         if found is None or found.shape[2] > 1:
             raise MeasurementError(
                 f"ping: expected cell_distances to be {m} numbers [m], got {shorten(listed[0])}"
@@ -260,10 +260,10 @@ def _by_cell(said: Sequence[Any], name: str, n: int, m: int) -> tuple[Array | No
     none = f"the ping has no {name}"
     if not any(said):
         return None, np.full(n, none, object)
-    values = regular(said)
+    values = regular_array(said)
     if not values.ndim:
         # cells of different lengths, or something among them that is no number
-        values = np.array([rows(one) for one in said])
+        values = np.array([padded_rows(one) for one in said])
     cells = by_cell(values, m)
     if cells is None:
         return None, np.full(n, f"{name} is not as long as the velocity", object)
@@ -303,20 +303,22 @@ _NO_KEY = "frame of a ping: expected array_id and time_usec to be integers and d
 Open = Mapping[tuple[str, int, int], Mapping[str, Sequence[Any]]]
 
 
-def joined(pending: Open, raws: Sequence[Raw], config: MeasurementConfig) -> tuple[Open, Tables]:
+def joined_frames(
+    pending: Open, raws: Sequence[Raw], config: MeasurementConfig
+) -> tuple[Open, Tables]:
     """Return the frames of incomplete pings, and the tables of complete pings and unusable frames.
 
     Args:
         pending: Frames of earlier incomplete pings.
         raws: Frames with names of ``PARTS``.
-        config: See ``pings``.
+        config: see ``ping_tables``.
     """
     held, found = dict(pending), Tables()
     order = sorted((place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order))
     taken = {(r, k): _add_frame(held, raws[r].topic, raws[r].payloads[k]) for _, r, k in order}
     for r, raw in enumerate(raws):
         payloads, counts = zip(*(taken[r, k] for k in range(len(raw.time))), strict=True)
-        found += pings(raw, payloads, config, counts)
+        found += ping_tables(raw, payloads, config, counts)
     return held, found
 
 
@@ -337,12 +339,12 @@ def _add_frame(held: dict[Any, Any], topic: str, payload: Payload) -> tuple[Payl
     return _INCOMPLETE, len(last)
 
 
-def lost(pending: Open, order: int) -> Tables:
+def lost_frames(pending: Open, order: int) -> Tables:
     """Return the tables of frames of incomplete pings at the end of the log, at a position in the stream."""
     found = Tables()
     for (topic, _, _), frames in pending.items():
         zero, at = np.zeros(len(frames), np.int64), np.full(len(frames), order, np.int64)
-        found += unused(Raw(topic, SCHEMA, 0, zero, at, zero, ()), _INCOMPLETE)
+        found += unused_table(Raw(topic, SCHEMA, 0, zero, at, zero, ()), _INCOMPLETE)
     return found
 
 

@@ -21,16 +21,16 @@ from replay_kit.logs.tables.columns import (
     Payload,
     Rows,
     field,
-    guarded,
-    kept,
+    first_reason,
     number,
     numbers,
-    rows,
-    some,
-    unused,
-    why,
+    padded_rows,
+    result_or_reason,
+    some_messages,
+    unused_table,
+    used_and_unused,
 )
-from replay_kit.logs.tables.instruments import pings
+from replay_kit.logs.tables.instruments import ping_tables
 from replay_kit.logs.tables.vehicle import no_place
 
 _NAMES_SHOWN = 12
@@ -48,41 +48,43 @@ _PATHS = (
 )
 
 
-def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
+def mapped_tables(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the tables of messages by their topic's mapping.
 
     Args:
         entry: Mapping.
         raw: Messages.
-        config: See ``pings``.
+        config: see ``ping_tables``.
     """
-    found = [guarded(partial(_mapped_values, entry), payload) for payload in raw.payloads]
+    found = [result_or_reason(partial(_mapped_values, entry), payload) for payload in raw.payloads]
     words = [one if isinstance(one, str) else "" for one in found]
-    tables, raw = unused(raw, words), some(raw, np.equal(words, ""))
+    tables, raw = unused_table(raw, words), some_messages(raw, np.equal(words, ""))
     said = [one for one in found if not isinstance(one, str)]
     by = "pressure" if entry.depth and entry.depth_unit in _PER_DBAR else "depth"
     depth = _depth(numbers(field(said, "depth")), entry)
     if entry.kind == "depth":
-        return tables + kept(raw, Rows("depth", {by: depth}, fixed={"by": by}))
+        return tables + used_and_unused(raw, Rows("depth", {by: depth}, fixed={"by": by}))
     places = [numbers(field(said, name)) for name in ("longitude", "latitude")]
     places = [place / _PER_DEGREE[entry.angle_unit] for place in places]
     wrong = no_place(*places)
     columns = {"longitude": places[0], "latitude": places[1], by: depth}
     positions = Rows("position", {**columns, "dead_reckoned": entry.dead_reckoned}, wrong)
     if entry.kind == "position":
-        return tables + kept(raw, positions)
-    payloads: Any = [guarded(partial(_ping, entry), one) for one in said]
+        return tables + used_and_unused(raw, positions)
+    payloads: Any = [result_or_reason(partial(_ping, entry), one) for one in said]
     there = np.full((len(said), 3), np.nan)
     if entry.kind == "velocity" and entry.place:
         there[:, :2] = entry.place
     elif entry.kind == "velocity" and entry.longitude:
         there[:, :2] = np.transpose(places)
-        payloads = [word or one for word, one in zip(why(wrong).tolist(), payloads, strict=True)]
+        payloads = [
+            word or one for word, one in zip(first_reason(wrong).tolist(), payloads, strict=True)
+        ]
     elif entry.longitude:
-        beside = kept(raw, positions._replace(fixed={"beside": True}))
+        beside = used_and_unused(raw, positions._replace(fixed={"beside": True}))
         # a message without a fix still has its profile, which other positions may place
         tables += [one for one in beside if one.kind == "position"]
-    return tables + pings(raw, payloads, config, places=there)
+    return tables + ping_tables(raw, payloads, config, places=there)
 
 
 def _mapped_values(entry: Any, payload: Payload) -> dict[str, Any]:
@@ -178,7 +180,7 @@ def _cells(said: Payload, entry: Any) -> list[list[float]]:
     if not isinstance(values, list | tuple):
         raise MeasurementError("measurements.map: velocity is not a list")
     sizes = {len(row) if isinstance(row, list | tuple) else 0 for row in values}
-    cells = rows(values)
+    cells = padded_rows(values)
     if "east" in said:
         cells = cells.T
         if len(sizes) > 1:

@@ -22,13 +22,13 @@ from replay_kit.logs.tables.columns import (
     Rows,
     Tables,
     field,
-    kept,
     read_each,
-    some,
-    unused,
+    some_messages,
+    unused_table,
+    used_and_unused,
 )
-from replay_kit.logs.tables.instruments import PARTS, SCHEMA, Open, joined
-from replay_kit.logs.tables.mapped import mapped
+from replay_kit.logs.tables.instruments import PARTS, SCHEMA, Open, joined_frames
+from replay_kit.logs.tables.mapped import mapped_tables
 
 #: The reason of a message of a kind that is not known.
 NOT_A_KIND = "message type not used by the estimator"
@@ -66,7 +66,7 @@ def tables_of(
         for raw in raws:
             left = np.full(len(raw.time), True)
             for read, chosen in _readers(raw, config):
-                of_reader = some(raw, left & chosen)
+                of_reader = some_messages(raw, left & chosen)
                 left &= ~np.array(chosen)
                 if of_reader.payloads and read == SCHEMA:
                     framed.append(of_reader)
@@ -74,9 +74,9 @@ def tables_of(
                     found += (
                         read(of_reader, config)
                         if callable(read)
-                        else unused(of_reader, read or NOT_A_KIND)
+                        else unused_table(of_reader, read or NOT_A_KIND)
                     )
-        pending, pings = joined(pending, framed, config)
+        pending, pings = joined_frames(pending, framed, config)
     return found + pings, pending
 
 
@@ -87,7 +87,7 @@ def _readers(raw: Raw, config: MeasurementConfig) -> Iterator[tuple[Reader | str
         yield _NO_FIELDS, [not isinstance(one, Mapping) for one in payloads]
     for entry in config.map:
         if entry.topic == raw.topic:
-            yield partial(mapped, entry), [entry.name in (None, name) for name in names]
+            yield partial(mapped_tables, entry), [entry.name in (None, name) for name in names]
     if raw.schema == SCHEMA:
         yield SCHEMA, [name in PARTS for name in names]
     mark, reason = _INVERTED[config.use_inverted]
@@ -111,7 +111,7 @@ def _plain(read: Callable[[Sequence[Payload]], Rows]) -> Reader:
             fixed["system"] = "/".join(parts[:2])
             if parts[0] == "mavlink" and len(parts) > 3:
                 fixed["sender"] = parts[1], parts[2]
-        return kept(raw, rows._replace(fixed=fixed))
+        return used_and_unused(raw, rows._replace(fixed=fixed))
 
     return reader
 

@@ -14,8 +14,16 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import moved
-from replay_kit.logs.tables.columns import Payload, Rows, field, rows, stated, whole_number, why
+from replay_kit.core.geodesy import to_geographic_about
+from replay_kit.logs.tables.columns import (
+    Payload,
+    Rows,
+    field,
+    first_reason,
+    padded_rows,
+    stated_numbers,
+    whole_number,
+)
 
 Payloads = Sequence[Payload]
 _ATMOSPHERE_PA, _PA_PER_DBAR = 101_325.0, 10_000.0
@@ -60,7 +68,7 @@ def _positions(
         depth: Depth [m].
         reckoned: Whether they are dead-reckoned.
     """
-    longitude, latitude = (unit * one for one in stated(payloads, names))
+    longitude, latitude = (unit * one for one in stated_numbers(payloads, names))
     place = {"longitude": longitude, "latitude": latitude}
     columns = {**place, "depth": depth, "dead_reckoned": reckoned}
     return Rows("position", columns, {**reasons, **no_place(longitude, latitude)})
@@ -70,7 +78,7 @@ def _location_fixes(payloads: Payloads) -> Rows:
     """Return positions with ``depth`` [m] and ``dead_reckoned`` in ``metadata``; the ellipsoidal altitude is no depth."""
     extra = [*map(_metadata, field(payloads, "metadata"))]
     reckoned = [str(one).strip().lower() in _TRUE for one in field(extra, "dead_reckoned")]
-    return _positions(payloads, depth=stated(extra, "depth")[0], reckoned=reckoned)
+    return _positions(payloads, depth=stated_numbers(extra, "depth")[0], reckoned=reckoned)
 
 
 def _metadata(pairs: Any) -> Payload:
@@ -82,7 +90,7 @@ def _metadata(pairs: Any) -> Payload:
 
 def _nav_sat_fixes(payloads: Payloads) -> Rows:
     """Return positions; a missing status counts as valid."""
-    status, inner = stated(payloads, "status status.status")
+    status, inner = stated_numbers(payloads, "status status.status")
     return _positions(payloads, reasons={"no fix (status < 0)": (status < 0) | (inner < 0)})
 
 
@@ -99,7 +107,7 @@ def _stamped_poses(payloads: Payloads, part: str = "pose.") -> Rows:
         # REP-105 gives the name to the frame whose origin is the Earth's centre
         _EARTH: [frame == "earth" for frame in frames],
     }
-    xyz = stated(payloads, "x y z", part + "position.")
+    xyz = stated_numbers(payloads, "x y z", part + "position.")
     return _poses(xyz, ned, reasons, _quaternions(payloads, part), system="", oriented=True)
 
 
@@ -124,12 +132,12 @@ def _frames(payloads: Payloads) -> list[str]:
 
 def _quaternions(payloads: Payloads, part: str = "") -> Array:
     """Return x, y, z, w of ROS ``Quaternion``s, shape (n, 4)."""
-    return np.column_stack(stated(payloads, "x y z w", part + "orientation."))
+    return np.column_stack(stated_numbers(payloads, "x y z w", part + "orientation."))
 
 
 def _imus(payloads: Payloads) -> Rows:
     """Return the orientations of ``sensor_msgs/Imu`` messages; a first covariance of -1 means none (ROS REP-145)."""
-    none = rows(field(payloads, "orientation_covariance"), 1)[:, 0] == -1.0
+    none = padded_rows(field(payloads, "orientation_covariance"), 1)[:, 0] == -1.0
     columns = {"quaternion": _quaternions(payloads), "ned": False}
     return Rows("attitude", columns, {"attitude: no orientation stated": none})
 
@@ -147,10 +155,10 @@ def _imc_estimated_states(payloads: Payloads) -> Rows:
     """Return positions of a reference with offsets x north and y east; negative depths denote invalid estimates."""
     # an offset that the JSON leaves out is zero
     payloads = [{"x": 0.0, "y": 0.0, **payload} for payload in payloads]
-    *reference, north, east, depth = stated(payloads, "lon lat x y depth")
+    *reference, north, east, depth = stated_numbers(payloads, "lon lat x y depth")
     places = np.where(np.isnan(north + east), np.nan, np.degrees(reference))
-    placed = why(no_place(*places)) == ""
-    places = np.where(placed, moved(places[0], places[1], east, north), places)
+    placed = first_reason(no_place(*places)) == ""
+    places = np.where(placed, to_geographic_about(places[0], places[1], east, north), places)
     said = [{"longitude": x, "latitude": y} for x, y in places.T]
     return _positions(said, depth=np.where(depth >= 0.0, depth, np.nan), reckoned=True)
 
@@ -161,10 +169,10 @@ def _dvls(payloads: Payloads) -> Rows:
     x points forward and z along the beams, assumed down unless the frame's name differs; the velocity is the vehicle's, as ``course_gnd``
     is computed from it. Zeros mean no solution.
     """
-    mode, coordinates = stated(payloads, "velocity_mode coordinate_mode")
+    mode, coordinates = stated_numbers(payloads, "velocity_mode coordinate_mode")
     given = [one is not None for one in field(payloads, "coordinate_mode")]
-    velocity = np.column_stack(stated(payloads, "x y z", "velocity."))
-    variances = rows(field(payloads, "velocity_covar"), 5)[:, (0, 4)]
+    velocity = np.column_stack(stated_numbers(payloads, "x y z", "velocity."))
+    variances = padded_rows(field(payloads, "velocity_covar"), 5)[:, (0, 4)]
     known, frames = (variances > 0.0).all(axis=1), _frames(payloads)
     columns = {
         "velocity": velocity,
@@ -181,12 +189,12 @@ def _dvls(payloads: Payloads) -> Rows:
 
 
 def _no_fix(payloads: Payloads, name: str) -> dict[str, Any]:
-    return {f"no fix ({name} < {_FIX_3D})": ~(stated(payloads, name)[0] >= _FIX_3D)}
+    return {f"no fix ({name} < {_FIX_3D})": ~(stated_numbers(payloads, name)[0] >= _FIX_3D)}
 
 
 def _pressures(payloads: Payloads) -> Rows:
     """Return sea pressures [dbar] from absolute ones [Pa]."""
-    pressure = (stated(payloads, "fluid_pressure")[0] - _ATMOSPHERE_PA) / _PA_PER_DBAR
+    pressure = (stated_numbers(payloads, "fluid_pressure")[0] - _ATMOSPHERE_PA) / _PA_PER_DBAR
     return Rows("depth", {"pressure": pressure}, fixed={"by": "pressure"})
 
 
@@ -195,23 +203,24 @@ Read = Callable[[Payloads], Rows]
 #: is left alone: which of its sensors is in the water, and which in the hull or in the air, it does not say.
 SENDING: Mapping[str, Read] = {
     "GLOBAL_POSITION_INT": lambda them: _positions(
-        them, "lon lat", 1e-7, depth=-1e-3 * stated(them, "relative_alt")[0]
+        them, "lon lat", 1e-7, depth=-1e-3 * stated_numbers(them, "relative_alt")[0]
     ),
     "GPS_RAW_INT": lambda them: Rows(
-        "gps", {"no_fix": why(_no_fix(them, "fix_type")).astype(object)}
+        "gps", {"no_fix": first_reason(_no_fix(them, "fix_type")).astype(object)}
     ),
     "LOCAL_POSITION_NED": lambda them: _poses(
-        stated(them, "x y z"), True, {}, np.full((1, 4), np.nan), oriented=False
+        stated_numbers(them, "x y z"), True, {}, np.full((1, 4), np.nan), oriented=False
     ),
     "GPS_GLOBAL_ORIGIN": lambda them: _positions(them, unit=1e-7)._replace(kind="origin"),
     "dataflash.GPS": lambda them: _positions(
         them,
         "Lng Lat",
-        reasons={"not the first GPS receiver": stated(them, "I")[0] > 0} | _no_fix(them, "Status"),
+        reasons={"not the first GPS receiver": stated_numbers(them, "I")[0] > 0}
+        | _no_fix(them, "Status"),
     ),
     "dataflash.POS": lambda them: _positions(them, "Lng Lat", reckoned=True),
     "dataflash.CTUN": lambda them: Rows(
-        "depth", {"depth": -stated(them, "Alt")[0]}, fixed={"by": "depth"}
+        "depth", {"depth": -stated_numbers(them, "Alt")[0]}, fixed={"by": "depth"}
     ),
 }
 #: What reads those of other schemas.

@@ -19,15 +19,15 @@ from replay_kit.logs.tables.columns import (
     Rows,
     dive_number,
     field,
-    guarded,
+    first_reason,
     number,
     read_each,
-    regular,
-    stated,
+    regular_array,
+    result_or_reason,
+    stated_numbers,
     whole_number,
-    why,
 )
-from replay_kit.logs.tables.instruments import SYSTEMS, believed, pings
+from replay_kit.logs.tables.instruments import SYSTEMS, believed_errors, ping_tables
 from replay_kit.logs.tables.vehicle import no_place
 
 _NS = 1_000_000_000
@@ -59,23 +59,23 @@ def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     moored = np.array(
         [place is not None and hasattr(place, "get") for place in field(payloads, "place")]
     )
-    cells, *place = stated(payloads, "n_cells place.lon place.lat")
+    cells, *place = stated_numbers(payloads, "n_cells place.lon place.lat")
     bottom = [*map(bool, field(payloads, "bottom_track"))]
     reasons = {_BOTTOM_ALONE: (cells == 0) & bottom}
     reasons |= {word: moored & wrong for word, wrong in no_place(*place).items()}
-    words = np.broadcast_to(why(reasons), len(payloads)).tolist()
+    words = np.broadcast_to(first_reason(reasons), len(payloads)).tolist()
     said = payloads
     if any(words):
         said = [word or payload for word, payload in zip(words, payloads, strict=True)]
     depth = np.where(moored, 0.0, np.nan)
-    return pings(raw, said, config, places=np.column_stack([*place, depth]))
+    return ping_tables(raw, said, config, places=np.column_stack([*place, depth]))
 
 
 def profiles(
     raw: Raw, config: MeasurementConfig, read: Callable[[Payload], Payload | str]
 ) -> list[Table]:
     """Return the tables of profiles of another package, which a function reads as fields of a ping, or the reason for exclusion."""
-    return pings(raw, [guarded(read, one) for one in raw.payloads], config)
+    return ping_tables(raw, [result_or_reason(read, one) for one in raw.payloads], config)
 
 
 def ds_adcp(payload: Payload) -> Payload | str:
@@ -146,16 +146,18 @@ def _vectors(values: Sequence[Payload]) -> Array:
 
 
 def _named(payloads: Payloads, names: str) -> dict[str, Array]:
-    return dict(zip(names.split(), stated(payloads, names), strict=True))
+    return dict(zip(names.split(), stated_numbers(payloads, names), strict=True))
 
 
 def _mean_currents(payloads: Payloads) -> Rows:
-    velocity = np.column_stack(stated(payloads, "dac_eastward dac_northward"))
-    std, deepest, radius, declination = stated(payloads, "error max_depth radius declination")
+    velocity = np.column_stack(stated_numbers(payloads, "dac_eastward dac_northward"))
+    std, deepest, radius, declination = stated_numbers(
+        payloads, "error max_depth radius declination"
+    )
     (start_time, start), (end_time, end) = (_fix(payloads, f"{at}_fix.") for at in ("start", "end"))
     columns = {
         "velocity": velocity,
-        "error_std": believed(std),
+        "error_std": believed_errors(std),
         "start_time": start_time,
         "start": start,
         "end_time": end_time,
@@ -172,8 +174,8 @@ def _mean_currents(payloads: Payloads) -> Rows:
 
 def _fix(payloads: Payloads, part: str) -> tuple[Times, Array]:
     """Return times [ns, UTC] and positions of fixes; incomplete ones count as missing."""
-    seconds, rest = stated(payloads, "sec nsec", part + "time.")
-    place = np.column_stack(stated(payloads, "lon lat", part))
+    seconds, rest = stated_numbers(payloads, "sec nsec", part + "time.")
+    place = np.column_stack(stated_numbers(payloads, "lon lat", part))
     known = (seconds >= 0.0) & (seconds < 2**33) & (rest >= 0.0) & (rest < 2 * _NS)
     known &= np.isfinite(place[:, 0]) & (np.abs(place[:, 1]) <= 90.0)
     whole = np.where(known, [seconds, rest], 0.0).astype(np.int64)
@@ -203,7 +205,7 @@ def _radar(payload: Payload) -> tuple[Any, ...] | str:
     radials = "speed" in payload
     names = "speed direction error" if radials else "east north east_error north_error"
     said = [payload[name] for name in ("longitude", "latitude", *names.split())]
-    columns = regular([*said, payload.get("flag", [Flag.GOOD] * len(said[0]))])
+    columns = regular_array([*said, payload.get("flag", [Flag.GOOD] * len(said[0]))])
     if columns.ndim != 2:
         return "radar currents: columns are not numbers, or of unlike lengths"
     known = np.isfinite(columns[:-1]).all(axis=0) & (np.abs(columns[1]) <= 90.0)

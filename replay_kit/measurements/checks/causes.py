@@ -290,7 +290,7 @@ forecast_misfit = {
 }
 
 
-def preferred(rejected: str, kept: str, evidence: str) -> Finding:
+def preferred_source(rejected: str, kept: str, evidence: str) -> Finding:
     """Return the finding that the gate rejects most measurements of one source and accepts those of another."""
     one, other = _SOURCES[rejected], _SOURCES[kept]
     return Finding(

@@ -33,7 +33,7 @@ CHECKS: Mapping[str, Fold] = {
     "beams": instrument.beams,
     "shape": profile.one_shape,
     "sensors": sensors.against_vehicle,
-    "means": pairs.beside,
+    "means": pairs.against_references,
 }
 # Of positions, and of mean currents.
 _OF_POSITIONS: Mapping[str, Callable[..., Any]] = {

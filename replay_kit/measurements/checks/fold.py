@@ -1,8 +1,8 @@
 """Elements of the checks: rows of a block, memory between blocks, and the first row that meets a criterion.
 
 A check is a fold: from its memory, arrays by name, and the rows of a block to the memory afterwards and findings. A criterion is evaluated
-at every row by ``sums`` and ``windows``, which continue from the memory, so that results do not depend on the division into blocks. Both
-have one row more, the first: that of the memory.
+at every row by ``running_sums`` and ``latest_rows``, which continue from the memory, so that results do not depend on the division into
+blocks. Both have one row more, the first: that of the memory.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array, Indices, Mask, Times
 from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.core.observation.table import Block, chosen
+from replay_kit.core.observation.table import Block, chosen_rows
 
 #: A criterion for each row.
 Holds = Mask | np.bool_
@@ -63,7 +63,7 @@ class Rows:
 
     def take(self, at: Holds | Indices | slice) -> "Rows":
         """Return a subset of the rows."""
-        return replace(self, event=self.event[at], columns=chosen(self.columns, at))
+        return replace(self, event=self.event[at], columns=chosen_rows(self.columns, at))
 
     def having(self, **columns: NDArray[Any]) -> "Rows":
         """Return the rows with columns added or replaced."""
@@ -143,10 +143,10 @@ def rows_of(block: Block, kind: int) -> Rows:
     columns = (block.position, block.ping, block.mean)[kind]
     event = np.flatnonzero(block.events[:, 1] == kind)
     row = block.events[event, 2]
-    return Rows("", event, {**chosen(columns, row), "row": row})
+    return Rows("", event, {**chosen_rows(columns, row), "row": row})
 
 
-def windows(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[Any]:
+def latest_rows(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[Any]:
     """Return the latest rows up to each new one, shape (n + 1, most, ...); missing ones are NaN, or 0 for integers.
 
     Memory of another shape is ignored. The last window is the new memory.
@@ -159,7 +159,7 @@ def windows(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[
     return np.lib.stride_tricks.as_strided(both, shape, strides, writeable=False)
 
 
-def sums(memory: Memory, name: str, new: NDArray[Any]) -> NDArray[Any]:
+def running_sums(memory: Memory, name: str, new: NDArray[Any]) -> NDArray[Any]:
     """Return the sums of all rows up to each new one, shape (n + 1, c); the last row is the new memory."""
     start = memory.get(name, np.zeros((1, new.shape[1]), new.dtype))
     return np.cumsum(np.concatenate([start, new]), axis=0)
@@ -204,7 +204,7 @@ def history(
     return replace(rows, event=event, columns=columns), after
 
 
-def steps(places: Memory | Rows) -> tuple[NDArray[np.complex128], Array]:
+def displacements(places: Memory | Rows) -> tuple[NDArray[np.complex128], Array]:
     """Return the displacements between consecutive positions, east + i north [m], and their durations [s], shapes (n - 1,)."""
     latitude, longitude = places["latitude"], places["longitude"]
     scale = [metres_per_degree(one) for one in latitude[:-1].tolist()]
@@ -213,7 +213,7 @@ def steps(places: Memory | Rows) -> tuple[NDArray[np.complex128], Array]:
     return east * degrees + 1j * north * np.diff(latitude), np.diff(places["time"]) * 1e-9
 
 
-def total(values: Array) -> Array:
+def ordered_sum(values: Array) -> Array:
     """Return sums along the second axis in order, so that zero padding does not change the last bit."""
     return np.asarray(np.cumsum(values, axis=1)[:, -1:].sum(axis=1))
 
@@ -227,4 +227,4 @@ def upper_median(values: Array, known: Mask) -> Array:
 
 def mean_of(values: Array, known: Holds) -> Array:
     """Return the mean of the known values of each row, shape (n,); 0 without any."""
-    return np.asarray(total(np.where(known, values, 0.0)) / np.maximum(known.sum(axis=1), 1))
+    return np.asarray(ordered_sum(np.where(known, values, 0.0)) / np.maximum(known.sum(axis=1), 1))

@@ -8,15 +8,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, Mask, every
+from replay_kit.core.arrays import Array, Mask, all_along
 from replay_kit.measurements.checks.fold import (
     Context,
     Found,
     Judged,
     Memory,
     Rows,
-    sums,
-    windows,
+    latest_rows,
+    running_sums,
 )
 
 DEAD = "dead or stale instrument"
@@ -52,17 +52,17 @@ def dead(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]:
         pings: Pings of one instrument.
     """
     raw = pings["raw"][..., :2]
-    known = every(np.isfinite(raw))
+    known = all_along(np.isfinite(raw))
     number, start = known.sum(axis=1), raw[np.arange(len(raw)), np.argmax(known, axis=1)]
-    equal = np.asarray((every(raw == start[:, None]) | ~known).all(axis=1))
-    zero = equal & every(start == 0.0) & (number >= _LEAST_ZEROS)
+    equal = np.asarray((all_along(raw == start[:, None]) | ~known).all(axis=1))
+    zero = equal & all_along(start == 0.0) & (number >= _LEAST_ZEROS)
     told = (number >= LEAST_CELLS) | zero
-    digest = windows(memory, "digest", _digests(pings, pings["raw"])[told], _COMPARED + 1)
+    digest = latest_rows(memory, "digest", _digests(pings, pings["raw"])[told], _COMPARED + 1)
     time, velocity = np.moveaxis(digest[1:], 2, 0)
     stale = (velocity[:, :-1] == velocity[:, -1:]) & (time[:, :-1] != time[:, -1:])
     again = stale.any(axis=1)
     kind = _SOUND + np.where(zero[told], 3, np.where(equal[told], 2, again.astype(np.intp)))
-    latest = windows(memory, "kind", kind, _WINDOW)
+    latest = latest_rows(memory, "kind", kind, _WINDOW)
     bad = latest > _SOUND
 
     def evidence(k: int) -> str:
@@ -102,19 +102,19 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]
         pings: Pings of one instrument, not dead, in order.
     """
     raw = pings["raw"]
-    last = windows(memory, "last", raw, 1)
+    last = latest_rows(memory, "last", raw, 1)
     # an instrument may give no vertical velocity
     known, before = np.isfinite(raw), last[:-1, 0]
-    some = ~every(~known)
-    equal = every((raw == before) | ~(known | np.isfinite(before))) & some
-    latest = windows(memory, "equal", equal, _STUCK_NAMED)
+    some = ~all_along(~known)
+    equal = all_along((raw == before) | ~(known | np.isfinite(before))) & some
+    latest = latest_rows(memory, "equal", equal, _STUCK_NAMED)
     both = np.concatenate([latest[0], equal])
     row = np.arange(len(both))[:, None]
     unequal = np.maximum.accumulate(np.where(both, -1, row), axis=0)
     run = np.minimum(row - unequal, _STUCK_NAMED)[_STUCK_NAMED:]
     living = run < _LIVING
     tried = (equal & living, living & some)
-    counts = sums(memory, "counts", np.column_stack([each.sum(axis=1) for each in tried]))
+    counts = running_sums(memory, "counts", np.column_stack([each.sum(axis=1) for each in tried]))
     chance = (counts[1:, :1] + 1.0) / (counts[1:, 1:] + 100.0)
     stuck = (pings["bins"] >= LEAST_CELLS)[:, None] & (run >= _STUCK_RUN)
     stuck &= run * np.log(chance) < np.log(_CHANCE)
@@ -146,9 +146,9 @@ def duplicates(memory: Memory, rows: Rows, context: Context | None = None) -> Ju
     place = np.column_stack([rows["longitude"], rows["latitude"]])[..., None]
     digest = _digests(rows, rows.columns.get("velocity", place))
     digest = np.column_stack([digest, rows["input"], rows["topic"]])
-    last = windows(memory, "last", digest, 2)
-    again = every(last[1:, 0] == last[1:, 1])
-    latest = windows(memory, "again", again.astype(np.float64), _LEAST)
+    last = latest_rows(memory, "last", digest, 2)
+    again = all_along(last[1:, 0] == last[1:, 1])
+    latest = latest_rows(memory, "again", again.astype(np.float64), _LEAST)
     number = latest.sum(axis=1)
     found = rows.first(
         3 * number >= _LEAST,
@@ -175,9 +175,9 @@ def beams(memory: Memory, pings: Rows, context: Context) -> Judged:
     texture = np.diff(pings["raw"], 2, axis=1)
     known = np.isfinite(texture)
     told = pings["along_beams"].astype(np.bool_) & (pings["bins"] >= LEAST_CELLS)
-    told &= every(known).any(axis=1)
+    told &= all_along(known).any(axis=1)
     pings, squares = pings.take(told), np.nanmean(texture[told] ** 2, axis=1)
-    variances = windows(memory, "variances", squares, _LEAST)
+    variances = latest_rows(memory, "variances", squares, _LEAST)
     usual = np.median(variances, axis=1)
     ratios = usual / np.median(usual, axis=1, keepdims=True)
     worst = np.argmax(np.abs(np.log(np.maximum(ratios, 1e-9))), axis=1)
@@ -192,7 +192,7 @@ def beams(memory: Memory, pings: Rows, context: Context) -> Judged:
         distrusts=True,
     )
     stated = pings.take(np.isfinite(pings["error_velocity"]))
-    errors = windows(memory, "errors", stated["error_velocity"], _LEAST)
+    errors = latest_rows(memory, "errors", stated["error_velocity"], _LEAST)
     error = np.abs(np.median(errors, axis=1))
     found += stated.first(
         error >= _MOST_ERROR,

@@ -37,11 +37,11 @@ from replay_kit.measurements.checks.fold import (
     Judged,
     Memory,
     Rows,
+    displacements,
     history,
+    latest_rows,
+    ordered_sum,
     spaced,
-    steps,
-    total,
-    windows,
 )
 from replay_kit.measurements.checks.likelihood import (
     CAUSES,
@@ -91,7 +91,7 @@ def _near_means(pings: Rows) -> Rows:
     pings, good = pings.take(good.any(axis=1)), good[good.any(axis=1)]
     nearest = pings["depth"][np.arange(len(good)), np.argmax(good, axis=1)]
     close = good & (np.abs(pings["depth"] - nearest[:, None]) <= _NEAR)
-    each = (total(np.where(close, one, 0.0)) for one in np.moveaxis(pings["velocity"], 2, 0))
+    each = (ordered_sum(np.where(close, one, 0.0)) for one in np.moveaxis(pings["velocity"], 2, 0))
     mean = np.column_stack([*each]) / close.sum(axis=1)[:, None]
     return pings.having(
         near=mean @ (1.0, 1j),
@@ -102,7 +102,7 @@ def _near_means(pings: Rows) -> Rows:
 
 def _ways(pings: Rows) -> Complex:
     """Return the velocities over ground between consecutive pings, shape (n - 1,) [m/s]; NaN for zero or more than one hour."""
-    way, seconds = steps(pings)
+    way, seconds = displacements(pings)
     known = (seconds > 0.0) & (seconds <= _LONGEST)
     return np.where(known, way / np.where(known, seconds, 1.0), np.nan)
 
@@ -117,7 +117,7 @@ def _check_motion(memory: Memory, near: Rows, through_water: bool) -> Judged:
     """Check changes of motion, and the stated velocity of the platform against that from its positions.
 
     Args:
-        memory: See ``beside``.
+        memory: See ``against_references``.
         near: New pings.
         through_water: Whether dead reckoning assumes no current.
     """
@@ -261,7 +261,7 @@ def _blocks(near: Rows, more: complex) -> Rows:
     return blocks.take(~np.isnan(way))
 
 
-def beside(memory: Memory, pings: Rows, context: Context) -> Judged:
+def against_references(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Check the profiles of one instrument against motion and mean currents.
 
     Args:
@@ -297,8 +297,8 @@ def means_against_motion(memory: Memory, means: Rows) -> Judged:
             ``reckonedpair`` (6,), with times and numbers.
         means: Mean currents.
     """
-    latest = windows(memory, "velocity", means["velocity"], _EQUAL)
-    times = windows(memory, "times", means["time"], _EQUAL)
+    latest = latest_rows(memory, "velocity", means["velocity"], _EQUAL)
+    times = latest_rows(memory, "times", means["time"], _EQUAL)
     found = means.first(
         (latest == latest[:, :1]).all(axis=(1, 2)),
         MEANS,

@@ -116,7 +116,7 @@ def separate(memory: Memory, positions: Rows) -> Judged:
                 f"{place_text(each.longitude, each.latitude)} at {time_text(int(each.time_ns))} (log {each.log:.0f})"
                 for each in last
             )
-            at, words = i, f"one vehicle cannot have been at {one} and at {other}"
+            at, words = i, f"one vehicle cannot be at {one} and at {other}"
     found = positions.first(
         np.arange(len(positions)) == at,
         PLACES,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.core.arrays import IN_MEMORY, Array, Mask, Values, every, one_by_one
+from replay_kit.core.arrays import IN_MEMORY, Array, Mask, Values, all_along, one_by_one
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.observation import Reason
@@ -17,11 +17,11 @@ from replay_kit.measurements.checks.fold import (
     Judged,
     Memory,
     Rows,
+    latest_rows,
     mean_of,
+    running_sums,
     spaced,
-    sums,
     upper_median,
-    windows,
 )
 from replay_kit.measurements.checks.instrument import BEAM, DEAD, LEAST_CELLS
 
@@ -100,7 +100,7 @@ def odd_ensemble_speeds(velocity: Values) -> str:
 
 def repairable(pings: Rows) -> Mask:
     """Return the mask of bins that are good, or bad in a way that a wrong unit or axis explains, shape (n, m)."""
-    known = every(np.isfinite(pings["velocity"]))
+    known = all_along(np.isfinite(pings["velocity"]))
     return np.asarray(known & ((pings["reasons"] & ~np.int32(REPAIRABLE)) == 0))
 
 
@@ -114,7 +114,7 @@ def _scatter(pings: Rows, among: Holds = np.True_) -> tuple[Array, Holds]:
         among: shape (n, m - 2), differences to use; the result is infinite if fewer than three are known.
     """
     size = np.abs(np.diff(pings["velocity"], 2, axis=1))
-    known = among & every(np.isfinite(size))
+    known = among & all_along(np.isfinite(size))
     middle = upper_median(np.hstack([size[..., 0], size[..., 1]]), np.hstack([known, known]))
     return np.where(known.sum(axis=1) >= _LEAST_BINS, middle / _SIZE, np.inf), known
 
@@ -146,7 +146,9 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
     heard[by_geometry] &= np.isfinite(echo)
     water[by_geometry] = echo < _LIKE_WATER * np.minimum(stated, below)
     told &= ~by_geometry
-    counts = sums(memory, "counts", np.column_stack([told, told & over, heard, heard & water]))
+    counts = running_sums(
+        memory, "counts", np.column_stack([told, told & over, heard, heard & water])
+    )
     number, over, heard, watery = counts.T
     wrong = (over >= _LEAST_ABOVE) & (over > _MOST_ABOVE * number)
     wrong |= (watery >= _LEAST_ABOVE) & (watery > _MOST_WATER * heard)
@@ -184,7 +186,7 @@ def speeds(memory: Memory, pings: Rows, context: Context) -> Judged:
     slow = told & (measured < typical / _ODD**2)
     impossible = (fast & (measured > MOST_SPEED**2)) | (slow & (measured < _LEAST_SPEED**2))
     log = 0.5 * np.log(np.where(told, measured, 1.0) / np.where(told, typical, 1.0))
-    counts = sums(memory, "counts", np.column_stack([told, fast, slow, impossible, log]))
+    counts = running_sums(memory, "counts", np.column_stack([told, fast, slow, impossible, log]))
     number, faster, slower, odd, logs = counts.T
     contradict = (number >= _LEAST_PINGS) & (2 * np.maximum(faster, slower) > number)
     of_unit = contradict & (2 * odd > number)
@@ -220,7 +222,7 @@ def noise(memory: Memory, pings: Rows, context: Context) -> Judged:
     stated = mean_of(pings["error_std"][:, 1:-1], known)
     told = np.isfinite(size) & (stated > 0.0)
     told &= (pings["bins"] >= LEAST_CELLS) & ~(pings["correlation_depth"] > 0.0)
-    ratios = windows(
+    ratios = latest_rows(
         memory, "log_ratio", np.log(np.maximum(size, _TINY)[told] / stated[told]), _NOISES
     )
     middle = np.exp(np.sort(ratios, axis=1)[:, _NOISES // 2])
@@ -261,14 +263,14 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
         pings: Pings of one instrument; stuck cells are excluded.
         context: Ignored.
     """
-    known = every(np.isfinite(pings["raw"][..., :2])).sum(axis=1)
+    known = all_along(np.isfinite(pings["raw"][..., :2])).sum(axis=1)
     pings = pings.take((pings["bins"] >= LEAST_CELLS) & (known >= LEAST_CELLS))
     places = np.column_stack([pings["depth"][:, 0], pings["longitude"], pings["latitude"]])
     last = memory.get("place", places[:0])
     chosen = spaced(places.tolist(), last.tolist(), _in_other_water)
     pings, last = pings.take(chosen), np.concatenate([last, places[chosen]])
     stuck = (pings["reasons"] & Reason.DEAD) != 0
-    profile = windows(memory, "profile", np.where(stuck[..., None], np.nan, pings["raw"]), 2)
+    profile = latest_rows(memory, "profile", np.where(stuck[..., None], np.nan, pings["raw"]), 2)
     second = np.diff(profile[1:], 2, axis=2)
     known = np.isfinite(second).all(axis=1, keepdims=True)
     number = known.sum(axis=(1, 2, 3))
@@ -278,8 +280,8 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
     white = (of_each @ (1, -1, -1, 1)) / number[told]
     variance = np.nanvar(np.diff(profile[1:][told], axis=1), axis=(1, 2, 3))
     pings, new = pings.take(told), np.column_stack([of_each, white, variance])
-    products = windows(memory, "products", new, _COMPARISONS)
-    times = windows(memory, "times", pings["time"], _COMPARISONS)
+    products = latest_rows(memory, "products", new, _COMPARISONS)
+    times = latest_rows(memory, "times", pings["time"], _COMPARISONS)
     first, one, _, other, white, variance = products[:, -_LEAST_ALIKE:].sum(axis=1).T
     size = np.sqrt(first * other)
 

@@ -20,7 +20,15 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
-from replay_kit.measurements.checks.fold import Context, Found, Judged, Memory, Rows, history, steps
+from replay_kit.measurements.checks.fold import (
+    Context,
+    Found,
+    Judged,
+    Memory,
+    Rows,
+    displacements,
+    history,
+)
 from replay_kit.measurements.checks.likelihood import LEAST_GAIN, Complex
 from replay_kit.measurements.checks.profile import SURFACE
 
@@ -272,7 +280,7 @@ def least_lag(sensor: Memory, vehicle: Memory) -> float:
 
 def _course_of(vehicle: Columns) -> Callable[[Array], Complex]:
     """Return a function that returns the vehicle's course at times; 0 where it hardly moves or is unknown."""
-    times, (way, seconds) = vehicle["time"] * 1e-9, steps(vehicle)
+    times, (way, seconds) = vehicle["time"] * 1e-9, displacements(vehicle)
     if len(times) < _LEAST:
         return lambda t: np.zeros(len(t), np.complex128)
     moves = (np.abs(way) >= _MOVES * seconds) & (seconds <= 2.0 * _LONGEST)

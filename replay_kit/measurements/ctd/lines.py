@@ -17,13 +17,13 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Flag, Label, LinearMeasurement, Source
-from replay_kit.core.observation.table import Columns, Integers, Table, chosen
+from replay_kit.core.observation.table import Columns, Integers, Table, chosen_rows
 from replay_kit.measurements.ctd.sections import Profile, Section, at_levels, section_of
 from replay_kit.measurements.ctd.thermal_wind import EQUATOR, radius_of, shear_of
 from replay_kit.measurements.means import Spot, spot
 from replay_kit.measurements.step import Found, Step, left_out_reason
 from replay_kit.measurements.track.dives import depth_of, legs_of
-from replay_kit.measurements.track.positions import LONG_AGO, NEVER, as_of, beside, in_order
+from replay_kit.measurements.track.positions import LONG_AGO, NEVER, as_of, in_order, positions_at
 
 # m; layers over which samples are averaged, and a shorter leg is no profile
 _LAYER, _LEG = 4.0, 40.0
@@ -247,7 +247,7 @@ def ctd_shears(
     late = np.diff(time, prepend=time[:1]) > _LONGEST_NS
     starts = np.flatnonzero((np.diff(before, prepend=-1) > 0) | late)
     for part in np.split(np.arange(time.size), starts)[1:]:
-        samples_of_part, due = chosen(samples, part), order[part[-1] + 1]
+        samples_of_part, due = chosen_rows(samples, part), order[part[-1] + 1]
         surfaced = np.append(surfacings, NEVER)[before[part[0]]]
         if min(due, surfaced) == NEVER and not step.last:
             line = line._replace(samples=samples_of_part)
@@ -262,7 +262,7 @@ def ctd_shears(
 def _samples(table: Table, step: Step) -> Columns:
     """Return the usable samples of a table, as in ``SectionLine``, and note the others."""
     before = as_of(table.order, step.positions["order"])
-    time, *places = beside(step.positions, before)
+    time, *places = positions_at(step.positions, before)
     depth = table["depth"]
     depth = np.where(np.isfinite(depth), depth, depth_of(table["pressure"], places[1]))
     known = np.isfinite(table["salinity"]) | np.isfinite(table["conductivity"])

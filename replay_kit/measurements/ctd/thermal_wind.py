@@ -41,7 +41,7 @@ _BOTTOM = 4000.0
 _NO_WAVES = 1e-9
 
 
-def near(away: Array, later: Array, length: float, lasting: float) -> Array:
+def signal_correlation(away: Array, later: Array, length: float, lasting: float) -> Array:
     """Return the correlation of the signal for separations in space and time [m, s], with length [m] and time [s] scales."""
     return np.exp(-0.5 * (away / length) ** 2 - 0.5 * (later / lasting) ** 2)
 
@@ -52,7 +52,7 @@ class Statistics(NamedTuple):
     Attributes:
         modes: shape (Z, k), orthonormal vertical modes.
         noise: shape (k, n, n) [m4/s4], noise covariance of each mode between profiles, averaged over the posterior.
-        lengths: shape (l,) [m], length scales of the signal, see ``near``.
+        lengths: shape (l,) [m], length scales of the signal, see ``signal_correlation``.
         lasting: shape (l,) [s], its time scales.
         signal: shape (l, k) [m4/s4], its variance in each mode times the posterior probability of the length.
         outside: [m4/s4], variance outside the modes of a profile at a level.
@@ -120,7 +120,9 @@ def fit(
     noises, lengths = _noises(time, f), _LENGTHS * radius
     lasting = np.clip(_TURNOVER * lengths / speed, _SHORTEST, _LONGEST)
     away, later = along[:, None] - along, time[:, None] - time
-    signals = [near(away, later, *scales) for scales in zip(lengths, lasting, strict=True)]
+    signals = [
+        signal_correlation(away, later, *scales) for scales in zip(lengths, lasting, strict=True)
+    ]
     misfits = [
         _misfit(noise + ratio * signal, trend, values)
         for noise, signal, ratio in product(noises, signals, _RATIOS)
@@ -334,8 +336,8 @@ def _curvature(
     away, later = section.along[part] - at, section.time[part] - section.time[part].max()
     seen = []
     for length, lasting in zip(fitted.lengths, fitted.lasting, strict=True):
-        pairs = near(away[:, None] - away, later[:, None] - later, length, lasting)
-        both = weights @ (away / length**2 * near(away, later, length, lasting))
+        pairs = signal_correlation(away[:, None] - away, later[:, None] - later, length, lasting)
+        both = weights @ (away / length**2 * signal_correlation(away, later, length, lasting))
         seen.append(weights @ pairs @ weights - 2.0 * both + 1.0 / length**2)
     # modes are orthonormal over the levels: of a level it is the mean
     mean_square = fitted.signal.sum(axis=1) @ fitted.lengths**-2.0 / section.levels.size

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array, every
+from replay_kit.core.arrays import Array, all_along
 from replay_kit.core.observation.table import Columns, Raw, Rows, Table
-from replay_kit.logs.tables.instruments import pings
+from replay_kit.logs.tables.instruments import ping_tables
 from replay_kit.measurements.profiles import frames
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.positions import as_of, in_order
@@ -92,7 +92,7 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
             beams = frames.map_bins(beams, frames.vertical_stretch(vectors, rotation), *cells)
         velocity = frames.solve_beams(beams, vectors)
         size = velocity[..., 3]
-    velocity, ground = frames.turned(velocity, rotation), columns["bottom"][:, None, :]
+    velocity, ground = frames.to_earth_axes(velocity, rotation), columns["bottom"][:, None, :]
     if along_beams:
         gain = frames.noise_gain(vectors)
         ground = frames.solve_beams(ground[..., : len(vectors)], vectors)
@@ -100,7 +100,7 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
     if relative:
         others = _plausible(last_triple(motions, ping, BOTTOM_AGE, BOTTOM_AGE), config)
         added = np.where((np.isnan(added[:, 0]) & ~here)[:, None], others, added)
-        ground, std = -frames.turned(ground, rotation)[:, 0, :2], columns["bottom_std"]
+        ground, std = -frames.to_earth_axes(ground, rotation)[:, 0, :2], columns["bottom_std"]
         std = np.where((std > 0.0) & (std <= config.max_speed), std, _BOTTOM_STD)
         seen = np.isfinite(ground).all(axis=1, keepdims=True)
         added = np.where(seen, np.column_stack([ground, std]), added)
@@ -121,7 +121,7 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
 
 def _plausible(motion: Array, config: MeasurementConfig) -> Array:
     """Return velocities with errors, shape (n, 3) [m/s]; NaN without an error or with one above the greatest speed."""
-    good = every(np.isfinite(motion)) & (motion[:, 2] > 0.0)
+    good = all_along(np.isfinite(motion)) & (motion[:, 2] > 0.0)
     return np.where((good & (motion[:, 2] <= config.max_speed))[:, None], motion, np.nan)
 
 
@@ -253,7 +253,7 @@ def velocity_of(table: Table, attitudes: Columns, config: MeasurementConfig) -> 
     body = table["velocity"] * np.where(left_up[..., None], (1.0, -1.0, -1.0), 1.0)
     # Nortek's angles are those of an attitude: nose up, starboard down
     rotation = frames.nortek_rotation(heading + declination, pitch, roll, True)
-    ground = frames.turned(body[:, None], rotation)[:, 0, :2]
+    ground = frames.to_earth_axes(body[:, None], rotation)[:, 0, :2]
     return np.column_stack([ground, table["error_std"]]), why
 
 
@@ -273,4 +273,4 @@ def _pings(table: Table, step: Step) -> list[Table]:
     ]
     raw = Raw(table.topic, "", table.input, table.time, table.order, table.position, payloads)
     # a DVL states its own unit
-    return pings(raw, payloads, step.config.model_copy(update={"velocity_unit": None}))
+    return ping_tables(raw, payloads, step.config.model_copy(update={"velocity_unit": None}))

@@ -13,7 +13,7 @@ import numpy as np
 from replay_kit.core.arrays import Array, Mask
 
 
-def turned(velocity: Array, rotation: Array) -> Array:
+def to_earth_axes(velocity: Array, rotation: Array) -> Array:
     """Return velocities along east, north, up, shape (n, m, 3) [m/s].
 
     Components with zero weight may be missing: a rotation about the vertical needs no vertical velocity.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.observation import Flag
-from replay_kit.core.observation.table import BinTest, Integers, Rows, Table, chosen
+from replay_kit.core.observation.table import BinTest, Integers, Rows, Table, chosen_rows
 from replay_kit.measurements.profiles.qartod import tested
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.dives import depth_of
@@ -16,10 +16,10 @@ from replay_kit.measurements.track.positions import (
     LONG_AGO,
     NEVER,
     WINDOW,
+    appended,
     as_of,
     fixes_of,
-    joined,
-    placed,
+    placed_pings,
     vessel_velocity,
 )
 
@@ -34,7 +34,7 @@ EXPIRED, POSITION, RELEASED, COMPUTED, OWN = range(5)
 Profiles = tuple[Rows, list[BinTest]]
 
 
-def arrived(ping: Table, step: Step) -> Table:
+def arrived_pings(ping: Table, step: Step) -> Table:
     """Return the usable pings with the vehicle's state at their arrival; others are noted.
 
     Added columns: ``dive``, ``vehicle_depth`` [m], ``in_dive``, ``until``, when fixes for position and platform velocity are available, and
@@ -65,7 +65,7 @@ def arrived(ping: Table, step: Step) -> Table:
     return step.kept(replace(ping, columns=columns), why)
 
 
-def decided(
+def decided_pings(
     waiting: Sequence[Table], arrivals: Sequence[Table], step: Step
 ) -> tuple[tuple[Table, ...], list[Table]]:
     """Return the waiting pings, and the decided ones as one table per layout and topic.
@@ -98,7 +98,7 @@ def _joined(parts: Sequence[Table]) -> Table:
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("time", "order", "position")
     )
-    columns = joined(*(part.columns for part in parts))
+    columns = appended(*(part.columns for part in parts))
     return replace(first, time=time, order=order, position=position, columns=columns)
 
 
@@ -122,7 +122,7 @@ def _due(ping: Table, step: Step) -> tuple[Integers, Integers]:
     return due, np.where(placed, OWN, np.where(expired, EXPIRED, RELEASED))
 
 
-def profiled(ping: Table, step: Step) -> list[Profiles]:
+def profiles_of(ping: Table, step: Step) -> list[Profiles]:
     """Return the profiles of decided pings; empty if none has a position."""
     columns, due, positions, config = dict(ping.columns), ping["due"], step.positions, step.config
     moving, expired = columns["until"] > ping.time, columns["rank"] == EXPIRED
@@ -139,7 +139,7 @@ def profiled(ping: Table, step: Step) -> list[Profiles]:
         velocity[known, :, :2] += np.where(whole, motion[known, None, :2], np.nan)
     # a position decides after the pings that it lets go
     upto = as_of(due - expired, positions["order"]) + 1
-    *place, std = placed(ping.time, columns["in_dive"], positions, upto, config)
+    *place, std = placed_pings(ping.time, columns["in_dive"], positions, upto, config)
     elsewhere = np.isfinite(columns["place"][:, 0])
     longitude, latitude = np.where(elsewhere, columns["place"][:, :2].T, place)
     pressure, below = columns["pressure"], columns["transducer_depth"]
@@ -230,7 +230,7 @@ def padded(parts: Sequence[NDArray[Any]], missing: Any = 0) -> NDArray[Any]:
 MISSING = {"flags": Flag.MISSING}
 
 
-def stacked(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
+def stacked_profiles(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
     """Return the profiles of several layouts and their tests in the order of events."""
     if not parts:
         return {}, ()
@@ -248,5 +248,5 @@ def stacked(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
             flags.append(same_test[0].flags if same_test else blank)
             words.append(same_test[0].why_not if same_test else np.full(len(blank), None))
         both = {"flags": padded(flags, Flag.NOT_EVALUATED), "why_not": np.concatenate(words)}
-        found.append(BinTest(bin_test.name, bin_test.reason, **chosen(both, at)))
-    return chosen(columns, at), tuple(found)
+        found.append(BinTest(bin_test.name, bin_test.reason, **chosen_rows(both, at)))
+    return chosen_rows(columns, at), tuple(found)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array, Indices, every
+from replay_kit.core.arrays import Array, Indices, all_along
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.core.observation.table import BinTest
 from replay_kit.measurements.profiles.earth import Words
@@ -288,7 +288,7 @@ def _rolled_up(
 
     A bin without a value is missing. Suspect bins fail if they are not to be used.
     """
-    present = every(np.isfinite(profiles["velocity"][..., :2]))
+    present = all_along(np.isfinite(profiles["velocity"][..., :2]))
     malformed = ~np.isfinite(profiles["depth"])
     reasons = np.int32(Reason.MALFORMED) * malformed + np.int32(Reason.MISSING) * ~present
     missing, flags = reasons != 0, np.full(reasons.shape, _GOOD)

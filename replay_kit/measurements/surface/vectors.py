@@ -25,8 +25,8 @@ from replay_kit.core.observation import (
     Reason,
     usable,
 )
-from replay_kit.core.observation.table import Table, chosen
-from replay_kit.measurements.means import Spot, begun, drift, extended, path_mean
+from replay_kit.core.observation.table import Table, chosen_rows
+from replay_kit.measurements.means import Spot, drift, extended_path, path_from, path_mean
 from replay_kit.measurements.step import Found, Step
 
 # m; boxes at least so wide, and over which errors are correlated where the file does not say
@@ -78,7 +78,7 @@ def other_measurements(fixes: dict[str, DrifterFix], tables: Sequence[Table], st
     for message, source in step.messages(tables):
         label = Label(int(step.dived(message.order)["dive"][0]), source)
         made, reason = measured_by[message.kind](
-            chosen(message.columns, 0), label, step.config, fixes
+            chosen_rows(message.columns, 0), label, step.config, fixes
         )
         reason = step.left_out(made[0].label.kind, label.dive) if made else reason
         step.note(message, reason)
@@ -139,7 +139,7 @@ def _drifter_measurement(
     # a drifter goes with the water: no way through it
     still = before._replace(time=after.time, depth=after.depth)._asdict()
     rows = {name: np.array([value]) for name, value in still.items()}
-    path = extended(begun(before), rows, np.empty(0))
+    path = extended_path(path_from(before), rows, np.empty(0))
     velocity = drift(path, after)
     if max(map(abs, velocity)) > config.max_speed:
         return [], "drifter faster than measurements.max_speed"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Mask, replace
 from replay_kit.core.observation import Measurement, Observation, Profiles, VehicleState
-from replay_kit.core.observation.table import Columns, Integers, Rows, chosen
+from replay_kit.core.observation.table import Columns, Integers, Rows, chosen_rows
 from replay_kit.measurements.track.positions import in_order
 
 # degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most
@@ -101,7 +101,7 @@ def depths_of(
     known = np.isfinite(rows["depth"])
     counts = known | (np.isfinite(rows["measured"]) & ~np.logical_or.accumulate(known))
     counts[0] = True
-    rows = chosen(rows, counts)
+    rows = chosen_rows(rows, counts)
     was, begun = before["submerged"][0], before["dive"][0]
     under = submerged(rows["measured"][1:], surface_depth, was)
     rows["submerged"][1:], rows["dive"][1:] = under, begun + _dives(under, was)

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Mask
-from replay_kit.core.geodesy import moved
-from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
-from replay_kit.logs.tables.columns import why
+from replay_kit.core.geodesy import to_geographic_about
+from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen_rows
+from replay_kit.logs.tables.columns import first_reason
 from replay_kit.logs.tables.vehicle import no_place
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.dives import depth_of
@@ -75,7 +75,7 @@ def _other(found: Sender, used: Sender) -> str:
     return ""
 
 
-def located(
+def locate(
     frames: Frames, by_kind: Mapping[str, list[Table]], step: Step
 ) -> tuple[Frames, Rows, list[Depth]]:
     """Return the state and the positions of a block in order, and note its messages.
@@ -115,7 +115,7 @@ def located(
             origins[table.topic] = origin[-1]
     positions = in_order(*made)
     last = {key: values[-1] for key, (_, values) in stated.items()}
-    after = Frames(last, chosen(known, slice(-1, None)), origins)
+    after = Frames(last, chosen_rows(known, slice(-1, None)), origins)
     return after, positions, [(positions["order"], positions["depth"], True), *depths]
 
 
@@ -209,10 +209,10 @@ def _origins(
 def _pose_positions(table: Table, origin: Array, step: Step) -> tuple[Rows, Mask]:
     """Return the positions of poses, and which poses have no origin; notes their messages."""
     x, y, east, north = origin.T
-    longitude, latitude = moved(x, y, table["east"] - east, table["north"] - north)
+    longitude, latitude = to_geographic_about(x, y, table["east"] - east, table["north"] - north)
     lacks = np.isnan(x)
     reasons = {NO_ORIGIN if table.fixed["system"] else "": lacks} | no_place(longitude, latitude)
-    words = why(reasons)
+    words = first_reason(reasons)
     step.note(table, words)
     rows = _rows(table, step, longitude, latitude, table["depth"], True, False)
-    return chosen(rows, (words == "") & ~lacks), lacks
+    return chosen_rows(rows, (words == "") & ~lacks), lacks

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, Indices, Mask
-from replay_kit.core.geodesy import moved, offset
-from replay_kit.core.observation.table import Columns, Integers, Rows, chosen
+from replay_kit.core.geodesy import to_geographic_about, to_local_about
+from replay_kit.core.observation.table import Columns, Integers, Rows, chosen_rows
 
 #: Columns of positions: submerged and dive are the vehicle's, by its depths; own says whether
 #: the use of its message is told with it.
@@ -40,15 +40,15 @@ def no_rows() -> Rows:
     return {name: np.empty(0, kind) for name, kind in ROW.items()}
 
 
-def joined(*parts: Columns) -> Rows:
+def appended(*parts: Columns) -> Rows:
     """Return the concatenated rows of positions."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def in_order(*parts: Columns) -> Rows:
     """Return the rows of all parts in the order of the stream."""
-    rows = joined(*parts)
-    return chosen(rows, np.argsort(rows["order"], kind="stable"))
+    rows = appended(*parts)
+    return chosen_rows(rows, np.argsort(rows["order"], kind="stable"))
 
 
 def as_of(at: Integers, order: Integers) -> Indices:
@@ -63,15 +63,15 @@ def as_of(at: Integers, order: Integers) -> Indices:
 
 def fixes_of(positions: Columns) -> Rows:
     """Return the fixes at the surface among positions, each later than those before it."""
-    rows = chosen(positions, ~(positions["dead_reckoned"] | positions["submerged"]))
+    rows = chosen_rows(positions, ~(positions["dead_reckoned"] | positions["submerged"]))
     latest = np.maximum.accumulate(np.append(LONG_AGO, rows["time"]))
-    return chosen(rows, rows["time"] > latest[:-1])
+    return chosen_rows(rows, rows["time"] > latest[:-1])
 
 
 def recent(positions: Columns) -> Rows:
     """Return the positions that may still be needed for pings: those of two windows before the last."""
     time = positions["time"]
-    return chosen(positions, time > time[-1:].max(initial=LONG_AGO) - 2 * WINDOW)
+    return chosen_rows(positions, time > time[-1:].max(initial=LONG_AGO) - 2 * WINDOW)
 
 
 _BESIDE = {"time": LONG_AGO, "longitude": np.nan, "latitude": np.nan}
@@ -79,12 +79,12 @@ _BESIDE = {"time": LONG_AGO, "longitude": np.nan, "latitude": np.nan}
 Beside = list[NDArray[Any]]
 
 
-def beside(rows: Columns, at: Indices) -> Beside:
+def positions_at(rows: Columns, at: Indices) -> Beside:
     """Return positions by index, NaN for -1."""
     return [np.append(rows[name], end)[at] for name, end in _BESIDE.items()]
 
 
-def placed(
+def placed_pings(
     time: Integers, in_dive: Mask, positions: Columns, upto: Indices, config: MeasurementConfig
 ) -> tuple[Array, Array, Array]:
     """Return longitude and latitude of pings [degrees], NaN without one, and their standard error [m], shapes (n,).
@@ -99,8 +99,8 @@ def placed(
         config: Limits of distance in time.
     """
     later = np.searchsorted(positions["time"], time, side="right")
-    before = beside(positions, np.minimum(later, upto) - 1)
-    after = beside(positions, np.where(later < upto, later, -1))
+    before = positions_at(positions, np.minimum(later, upto) - 1)
+    after = positions_at(positions, np.where(later < upto, later, -1))
     since, until = time - before[0], np.abs(after[0] - time)
     span, both = after[0] - before[0], np.isfinite(before[1] + after[1])
     is_near = np.minimum(since, until) <= config.position_max_age * 1e9
@@ -114,8 +114,8 @@ def placed(
     if at.size:
         share[at] = since[at] / span[at]
         start = before[1][at], before[2][at]
-        east, north = offset(*start, after[1][at], after[2][at])
-        found = moved(*start, share[at] * east, share[at] * north)
+        east, north = to_local_about(*start, after[1][at], after[2][at])
+        found = to_geographic_about(*start, share[at] * east, share[at] * north)
         longitude[at] = start[0] + np.mod(found[0] - start[0] + 180.0, 360.0) - 180.0
         latitude[at] = found[1]
     std[in_gap] = _SPEED_STD * (since * 1e-9 * (1.0 - share))[in_gap]
@@ -148,7 +148,7 @@ def vessel_velocity(time: Integers, fixes: Columns, upto: Indices) -> Array:
         centre = np.repeat(centre, number, axis=1)
         # about the nearest fix the local axes are true east and north
         each = (fixes[name][k.ravel()] for k in (centre, rows) for name in list(_BESIDE)[1:])
-        place = np.stack(offset(*each), axis=-1).reshape(alike.size, number, 2)
+        place = np.stack(to_local_about(*each), axis=-1).reshape(alike.size, number, 2)
         since = since - _sum(since)[:, None] / number
         spread = _sum(since**2)
         slope = _sum(since[..., None] * place) / spread[:, None]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Mask
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.core.observation.table import Columns, chosen
-from replay_kit.measurements.track.positions import NEVER, joined, no_rows
+from replay_kit.core.observation.table import Columns, chosen_rows
+from replay_kit.measurements.track.positions import NEVER, appended, no_rows
 
 DISPLACED = "displaced positions"
 #: Why messages of positions are not used.
@@ -145,7 +145,7 @@ def within_reach(
         positions: Rows in order.
         ends: Whether the log ends with them; a single waiting position, or a distant one, is then excluded.
     """
-    rows = joined(before.held, positions)
+    rows = appended(before.held, positions)
     every, order, quick = places(rows), rows["order"].copy(), short_steps(rows)
     state, found, use = before, list[tuple[int, Finding]](), np.ones(len(order), np.bool_)
     i = len(before.held["order"])
@@ -209,13 +209,13 @@ def within_reach(
     near = (use | waits) & ~np.isin(np.arange(len(order)), far_off)
     late, known = (until > rows["order"]) & ~near, before.doubted
     thrown = (known["until"] == NEVER) & ~np.isin(known["order"], before.held["order"])
-    held_on = chosen(chosen(known, thrown), slice(-_KEPT, None))
-    doubted = joined(held_on, chosen(rows | {"until": until}, late))
+    held_on = chosen_rows(chosen_rows(known, thrown), slice(-_KEPT, None))
+    doubted = appended(held_on, chosen_rows(rows | {"until": until}, late))
     state = state._replace(doubted=doubted)
     rows["order"] = order
     at = np.flatnonzero(~waits)
     at = at[np.argsort(order[at], kind="stable")]
-    return state._replace(held=chosen(rows, waits)), chosen(rows, at), use[at], found
+    return state._replace(held=chosen_rows(rows, waits)), chosen_rows(rows, at), use[at], found
 
 
 def _displaced(first: Place, far: float, thrown: int) -> Finding:

@@ -77,7 +77,7 @@ def name_of(vehicle: str, name: str) -> str:
 
 
 @contextmanager
-def complete(path: Path) -> Iterator[None]:
+def naming_errors(path: Path) -> Iterator[None]:
     """Convert exceptions of reading a result to an error that names it.
 
     Raises:
@@ -203,7 +203,7 @@ class OpenResult:
             LogError: The file is missing or no MCAP file.
         """
         self.path = path
-        with complete(path):
+        with naming_errors(path):
             self.file = open_input(path)
             weakref.finalize(self, self.file.close)
             self.reader = make_reader(self.file)
@@ -215,7 +215,7 @@ class OpenResult:
         Raises:
             LogError: The file has no summary.
         """
-        with complete(self.path):
+        with naming_errors(self.path):
             found = self.reader.get_summary()
             if found is None or found.statistics is None:
                 raise ValueError("it has no summary")
@@ -226,12 +226,12 @@ class OpenResult:
     @cached_property
     def records(self) -> list[tuple[str, dict[str, str]]]:
         """Metadata records with their names, in order."""
-        with complete(self.path):
+        with naming_errors(self.path):
             return [(one.name, dict(one.metadata)) for one in self.reader.iter_metadata()]
 
     def attachment(self, offset: int) -> Attachment:
         """Return the attachment at an offset in the summary."""
-        with complete(self.path):
+        with naming_errors(self.path):
             self.file.seek(offset)
             record = next(StreamReader(self.file, skip_magic=True).records)
             if not isinstance(record, Attachment):

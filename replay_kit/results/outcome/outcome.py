@@ -171,7 +171,7 @@ def _codec() -> TypeAdapter[Outcome]:
     return TypeAdapter(Outcome)
 
 
-def made(values: Values, inputs: Iterable[Path] = ()) -> Outcome:
+def checked_outcome(values: Values, inputs: Iterable[Path] = ()) -> Outcome:
     """Return the outcome of some values: numbers that are not finite become None, exit codes are derived.
 
     Args:
@@ -195,7 +195,7 @@ def outcome_from(record: Values) -> Outcome:
     return _codec().validate_python(named)
 
 
-def failed(error: ReplayKitError, so_far: Outcome | None = None) -> Outcome:
+def failed_outcome(error: ReplayKitError, so_far: Outcome | None = None) -> Outcome:
     """Return the outcome of a failed run.
 
     Args:

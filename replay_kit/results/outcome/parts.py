@@ -15,9 +15,9 @@ from replay_kit.core.surfacing import (
     DiveForecast,
     DiveOutcome,
     SurfacingOutcome,
-    calibrated,
+    calibrated_forecast,
     held_shares,
-    records,
+    prediction_scores,
 )
 from replay_kit.results.mcap.schemas import attributes
 
@@ -87,7 +87,7 @@ def expected_part(
     """
     if not outcomes:
         return None
-    count, habit, plan = records(outcomes, planned)
+    count, habit, plan = prediction_scores(outcomes, planned)
     groups = {
         kind: [one for one in outcomes if min(one.forecast.earlier, 2) == earlier]
         for earlier, kind in enumerate(_KINDS)
@@ -105,7 +105,9 @@ def expected_part(
             "habit": habit,
             "plan": plan,
         },
-        "next": None if following is None else _forecast_json(calibrated(following, outcomes)),
+        "next": None
+        if following is None
+        else _forecast_json(calibrated_forecast(following, outcomes)),
     }
 
 

@@ -65,7 +65,7 @@ def track_of(fixes: pd.DataFrame, projection: Projection) -> Track:
         table[name].to_numpy(np.float64) for name in ("longitude", "latitude", "depth")
     )
     east, north = to_local(projection, longitude, latitude)
-    reckoned, far = table["dead_reckoned"].to_numpy(bool), along(east, north)
+    reckoned, far = table["dead_reckoned"].to_numpy(bool), distance_along(east, north)
     return Track(times_in(table), longitude, latitude, depth, east, north, far, reckoned)
 
 
@@ -74,7 +74,7 @@ def times_in(table: pd.DataFrame) -> Times:
     return np.asarray(table.index.to_numpy("datetime64[ns]").astype(np.int64))
 
 
-def along(east: Array, north: Array) -> Array:
+def distance_along(east: Array, north: Array) -> Array:
     """Return the distance along a track since its first position [m]."""
     steps = np.hypot(np.diff(east), np.diff(north))
     return np.concatenate([np.zeros(min(1, east.size)), np.cumsum(steps)])
@@ -120,9 +120,9 @@ def bins_along_track(
     used = bins[bins["observation"].isin(kept) & bins["residual_east"].notna()]
     time_ns, depth = times_in(used), used["depth"].to_numpy(np.float64)
     east, north, distance = track.at(time_ns)
-    residual, off = (pairs(used, name) for name in ("residual", "replayed_residual"))
+    residual, off = (vector_column(used, name) for name in ("residual", "replayed_residual"))
     # where it is not stated what was measured, by the published unknowns
-    estimated = pairs(used, "measured") - residual
+    estimated = vector_column(used, "measured") - residual
     if not np.isfinite(estimated).any():
         estimated = _estimated(history, time_ns, (east, north, depth))
     error = np.full(residual.shape, np.nan)
@@ -179,7 +179,7 @@ def mean_currents(held: Measured) -> pd.DataFrame:
     return rows.iloc[number].assign(**{k: v.loc[number].to_numpy() for k, v in std.items()})
 
 
-def pairs(table: pd.DataFrame, name: str) -> Array:
+def vector_column(table: pd.DataFrame, name: str) -> Array:
     """Return the components of a column of a table, shape (n, 2)."""
     return np.asarray(table[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64))
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.functions import depth_weights, hats, with_potential
+from replay_kit.core.flow.functions import depth_weights, hat_weights, with_potential
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.results.innovations import thinned
@@ -201,7 +201,9 @@ def published_at(slices: CurrentSlices, projection: Projection, place: At) -> tu
     off = [np.abs(axis - each) for axis, each in zip(axes, at, strict=True)]
     values = np.full(fields.shape[:2], np.nan)
     if all(each.min() <= 0.5 * (axis[1] - axis[0]) for each, axis in zip(off, axes, strict=True)):
-        y, x = (hats(np.atleast_1d(each), axis)[0] for each, axis in zip(at, axes, strict=True))
+        y, x = (
+            hat_weights(np.atleast_1d(each), axis)[0] for each, axis in zip(at, axes, strict=True)
+        )
         near = np.ix_(y > 0.0, x > 0.0)
         between = np.einsum("tkji,j,i->tk", fields[:, :, *near], y[y > 0.0], x[x > 0.0])
         nearest = fields[..., *map(np.argmin, off)]
@@ -223,7 +225,7 @@ def mean_to_depth(slices: CurrentSlices, history: EstimateHistory, depth: float)
         depth: Depth [m].
     """
     below, last = depth * (np.arange(_STEPS) + 0.5) / _STEPS, history.estimate
-    share = hats(below, slices.depths).mean(axis=0)
+    share = hat_weights(below, slices.depths).mean(axis=0)
     known: Any = np.ma.average(np.ma.masked_invalid(slices.fields), axis=0, weights=share)
     mean: Array = known.filled(np.nan)
     deep = np.isfinite(slices.fields[share > 0.0, -1, 0]).all(axis=0)

@@ -32,7 +32,7 @@ from replay_kit.show.figures.figure import (
     Mark,
     Panel,
 )
-from replay_kit.show.numbers import nice
+from replay_kit.show.numbers import nice_number
 
 # matplotlib has no types of dates
 dates: Any = untyped
@@ -174,7 +174,8 @@ def _draw_arrows(axes: Axes, mark: Mark) -> None:
         **{"minlength": 0.5, "scale": 0.75 * mark.size * long},
     }
     axes.quiver(mark.x, mark.y, *mark.z, zorder=2.0, pivot="mid", **look)
-    shown, up = nice(0.6 * long), ScaledTranslation(0.0, 5.0 / 72.0, axes.figure.dpi_scale_trans)
+    shown = nice_number(0.6 * long)
+    up = ScaledTranslation(0.0, 5.0 / 72.0, axes.figure.dpi_scale_trans)
     place: Any = {"transform": axes.transAxes + up, "clip_on": False}
     axes.quiver([1.0], [1.0], [shown], [0.0], pivot="tip", **place, **look)
     text, at = f"{shown:g} m s$^{{-1}}$", 0.985 - shown / look["scale"]
@@ -274,7 +275,7 @@ class ShownCanvas(Canvas):
 
 
 @rc_context(PAPER)
-def saved(canvas: Canvas, ending: str) -> bytes:
+def figure_bytes(canvas: Canvas, ending: str) -> bytes:
     """Return the reproducible bytes of a figure's file, in a format of ``ENDINGS``."""
     content, form = BytesIO(), ending.removeprefix(".")
     canvas.savefig(content, format=form, metadata=ENDINGS[ending])
@@ -375,7 +376,7 @@ def _panel_svg(panel: Panel, key: str, full: float) -> tuple[str, dict[str, Any]
     ends = np.array([axes.get_xlim(), axes.get_ylim()]) * [[8.64e7 if timed else 1.0], [1.0]]
     about = {
         "box": [left, above, wide, high],
-        "ends": [column(pair, 12) for pair in ends],
+        "ends": [rounded_column(pair, 12) for pair in ends],
         "log": [panel.x.log, panel.y.log],
         "axes": [str(panel.x), str(panel.y)],
         "marks": [*map(_said, panel.marks)],
@@ -386,11 +387,11 @@ def _panel_svg(panel: Panel, key: str, full: float) -> tuple[str, dict[str, Any]
 def _said(mark: Mark) -> dict[str, Any]:
     """Return the positions, values and tooltips of a mark."""
     said = {"x": mark.x, "y": mark.y, "text": mark.text, "z": mark.z}
-    known = {key: column(values, 6) for key, values in said.items() if values is not None}
+    known = {key: rounded_column(values, 6) for key, values in said.items() if values is not None}
     return {"name": mark.name, **known}
 
 
-def column(values: Any, digits: int) -> list[Any]:
+def rounded_column(values: Any, digits: int) -> list[Any]:
     """Return values for JSON: times to the second, numbers rounded to significant digits, None if not finite."""
     each = np.asarray(values).ravel()
     if each.dtype.kind == "M":

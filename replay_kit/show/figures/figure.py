@@ -131,7 +131,7 @@ class Figure:
     notes: Sequence[str] = ()
 
 
-def missing(title: str, why: str) -> Panel:
+def missing_panel(title: str, why: str) -> Panel:
     """Return a panel without marks that states the missing data."""
     return Panel(title, Axis(""), Axis(""), (), 0.45, note=why)
 

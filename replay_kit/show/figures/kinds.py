@@ -37,7 +37,7 @@ _FREE = Chosen()
 _HAVE = {"at": ("map", "series", "plan"), "depth": ("map", "plan"), "time": ("map",)}
 
 
-def made(contents: Contents, kind: str, chosen: Chosen = _FREE) -> Figure:
+def figure_data(contents: Contents, kind: str, chosen: Chosen = _FREE) -> Figure:
     """Return a figure of a result as data, with the notes on its opening.
 
     Args:
@@ -55,21 +55,21 @@ def made(contents: Contents, kind: str, chosen: Chosen = _FREE) -> Figure:
     return replace(figure, notes=(*contents.notes, *figure.notes))
 
 
-def drawn(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 2) -> Canvas:
+def drawn_figure(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 2) -> Canvas:
     """Return a figure of a result for a paper.
 
     Args:
-        contents: See ``made``.
-        kind: See ``made``.
-        chosen: See ``made``.
+        contents: See ``figure_data``.
+        kind: See ``figure_data``.
+        chosen: See ``figure_data``.
         columns: Width in columns of a page, 1 or 2.
 
     Raises:
-        ConfigError: See ``made``; or an unknown number of columns.
+        ConfigError: See ``figure_data``; or an unknown number of columns.
     """
     if columns not in WIDTHS:
         raise ConfigError(f"columns: expected 1 or 2, got {columns!r}")
-    return compose(made(contents, kind, chosen), columns)
+    return compose(figure_data(contents, kind, chosen), columns)
 
 
 def _check_chosen(kind: str, chosen: Chosen) -> None:
@@ -105,8 +105,8 @@ class Plots:
     ) -> Canvas:
         chosen = Chosen(**place, time_ns=None if time is None else parse_time(time))
         if ax is None:
-            return drawn(self._contents, kind, chosen, columns)
-        figure = made(self._contents, kind, chosen)
+            return drawn_figure(self._contents, kind, chosen, columns)
+        figure = figure_data(self._contents, kind, chosen)
         if not 0 <= panel < (count := len(figure.panels)):
             raise ConfigError(
                 f"panel: expected 0 to {count - 1}, got {panel}; {kind} has {count} here"

@@ -13,12 +13,12 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_loca
 from replay_kit.core.plan import ORIGIN, Plan
 from replay_kit.core.region import Feature
 from replay_kit.core.words.text import time_text
-from replay_kit.results.geojson import ROLES, features_of, line_of, placed, until
+from replay_kit.results.geojson import ROLES, features_of, features_until, line_of, placed_feature
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import At, CurrentSlices, slices_of, typical_depth
-from replay_kit.show.figures.figure import ON_MAP, Axis, Figure, Mark, Panel, missing
+from replay_kit.show.figures.figure import ON_MAP, Axis, Figure, Mark, Panel, missing_panel
 from replay_kit.show.figures.section import profile_figure
-from replay_kit.show.numbers import nice
+from replay_kit.show.numbers import nice_number
 from replay_kit.show.sentences import energy_sentence, odds_sentence
 
 # Most arrows along the longer side of a map; of fewer side by side each is still no longer than this share of the width.
@@ -52,7 +52,7 @@ class Extent(NamedTuple):
     north: float
 
 
-def around(places: Array, beyond: float = 0.03) -> Extent:
+def extent_around(places: Array, beyond: float = 0.03) -> Extent:
     """Return the extent around points, shape (n, 2) [km], padded by a fraction of its longer side."""
     known = places[np.isfinite(places).all(axis=1)]
     ends = np.stack([known.min(axis=0), known.max(axis=0)], axis=1)
@@ -75,9 +75,9 @@ def map_figure(contents: Contents, chosen: Chosen) -> Figure:
     if slices is None and track.time_ns.size == 0:
         also = "; the figure plan shows its plan." if contents.last_plan is not None else "."
         why = f"The result holds neither a current nor a position{also}"
-        return Figure("map", title, [missing(title, why)])
+        return Figure("map", title, [missing_panel(title, why)])
     if slices is None:
-        extent = around(np.column_stack([track.east, track.north]) / 1e3, 0.05)
+        extent = extent_around(np.column_stack([track.east, track.north]) / 1e3, 0.05)
         panel = _map_panel(contents, "track", extent, chosen, [], 0.8)
         notes = ["The result holds no current: the map shows only positions."]
         return Figure("map", title, [panel], notes=notes, across=1)
@@ -116,12 +116,12 @@ def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
     if plan is None:
         why = (contents.outcome.plan or {}).get("message", "no goal was given, or none was due")
         text = f"The result holds no plan: {why}; replay-kit plan makes one on this estimate."
-        return Figure("plan", "Plan", [missing("Plan", text)], across=1)
+        return Figure("plan", "Plan", [missing_panel("Plan", text)], across=1)
     flown, slices = len(plan.track) > 0, slices_at(contents, chosen)
     notes = _in_words(plan) if flown else [f"The last plan has no track: {plan.message}."]
     ends = np.array([(end.longitude, end.latitude) for end in (plan.start, plan.goal)])
     places = [plan.track[:, :2], np.column_stack(to_local(contents.projection, *ends.T))]
-    extent, marks = around(np.vstack(places) / 1e3, 0.15), []
+    extent, marks = extent_around(np.vstack(places) / 1e3, 0.15), []
     if slices is not None:
         marks = speed_marks(contents, slices, 1e3 * (extent.east - extent.west))
         notes += without_current(slices, extent)
@@ -156,7 +156,7 @@ def _map_panel(
 ) -> Panel:
     """Return a map with features of given roles, or of all roles."""
     lines = bottom_lines(contents, extent)
-    found = until(features_of(contents), chosen.time_ns)
+    found = features_until(features_of(contents), chosen.time_ns)
     shown = [one for one in found if not roles or one["properties"]["role"] in roles]
     marks = [*field, *marks_of([*lines, *shown])]
     if chosen.at is not None:
@@ -196,13 +196,13 @@ def bottom_lines(contents: Contents, extent: Extent) -> list[Feature]:
         for line in lines.lines(level) if level > 0.0 else ():
             at, about = line_of(np.asarray(line), contents.projection), {"depth_m": float(level)}
             if len(at) > 1:
-                found.append(placed("LineString", at, "bottom", f"{level:g} m", about))
+                found.append(placed_feature("LineString", at, "bottom", f"{level:g} m", about))
     return found
 
 
 def contour_step(span: float) -> float:
     """Return the contour interval for a range of depths [m], at most seven contours."""
-    return nice(max(span, 10.0) / _CONTOURS, least=True)
+    return nice_number(max(span, 10.0) / _CONTOURS, least=True)
 
 
 def marks_of(features: Iterable[Feature]) -> list[Mark]:

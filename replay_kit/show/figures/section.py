@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import nearest
+from replay_kit.core.geodesy import nearest_node
 from replay_kit.core.plan import Plan
 from replay_kit.core.words.text import place_text
 from replay_kit.results.innovations import thinned
-from replay_kit.results.views.along_track import BinsAlongTrack, along
+from replay_kit.results.views.along_track import BinsAlongTrack, distance_along
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import At, typical_depth
-from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing_panel
 
 #: Most columns and rows of the section, and profiles that a column averages where there are enough.
 _COLUMNS, _ROWS, _PROFILES_A_COLUMN = 160, 40, 3
@@ -78,7 +78,7 @@ def section_figure(contents: Contents) -> Figure:
     bins, title = contents.section, "Profiles along the track"
     if bins.time_ns.size == 0:
         why = "The result holds no profile that was used, and no estimate along its track."
-        return Figure("profiles", title, [missing("Section along the track", why)])
+        return Figure("profiles", title, [missing_panel("Section along the track", why)])
     smoothed, estimated = (np.isfinite(bins.values[key]).any() for key in ("replayed", "estimated"))
     notes = {
         "No profile of the current was used: the section shows only the estimate along the track.": not contents.bins.time_ns.size,
@@ -123,7 +123,9 @@ def dives_figure(contents: Contents) -> Figure:
     means, title = contents.mean_currents, "Mean currents of the dives"
     if not len(means):
         why = "The result holds no mean current of a dive: its vehicle does not dive, or the log has none that was used."
-        return Figure("mean-currents", title, [missing("Depth-averaged currents of dives", why)])
+        return Figure(
+            "mean-currents", title, [missing_panel("Depth-averaged currents of dives", why)]
+        )
     lacking = "The result holds no estimate: the figure shows measured minus estimated currents."
     corrected = means["mean_current_corrected_east"].notna().any()
     looks: dict[str, Any] = {
@@ -169,11 +171,11 @@ def series_figure(contents: Contents, at: At | None) -> Figure:
     series = None if at is None else contents.series(at)
     if slices is None or at is None or series is None:
         lacks = "no position, and no place was requested" if slices else "no published current"
-        return Figure("series", title, [missing(title, f"The result holds {lacks}.")])
+        return Figure("series", title, [missing_panel(title, f"The result holds {lacks}.")])
     place, shown = place_text(at[0], at[1]), float(series["depth"].iloc[0])
     if series["u"].isna().all():
         lacks = f"{place} at {at[2]:g} m is on land, below the bottom, or outside the region of the estimate."
-        return Figure("series", title, [missing(title, lacks)])
+        return Figure("series", title, [missing_panel(title, lacks)])
     notes, once = list[str](), len(series) == 1
     if shown != at[2]:
         notes.append(f"Requested depth: {at[2]:g} m; nearest published depth: {shown:g} m.")
@@ -208,7 +210,7 @@ _BELOW = 2.5
 def profile_figure(contents: Contents, plan: Plan) -> Figure:
     """Return the depth profile of the last plan over the bottom."""
     kept = thinned(len(plan.track), _POINTS)
-    far, depth = along(*plan.track[:, :2].T)[kept] / 1e3, plan.track[kept, 2]
+    far, depth = distance_along(*plan.track[:, :2].T)[kept] / 1e3, plan.track[kept, 2]
     ground = None if plan.bottom is None else plan.bottom[kept]
     deepest = max(float(depth.max()), 1.0)
     lowest = deepest if ground is None else min(float(np.nanmax(ground)), _BELOW * deepest)
@@ -245,7 +247,7 @@ def _deepest_wet(contents: Contents, track: Array) -> Any:
     if contents.estimate is None:
         return None
     grid = contents.estimate.grid
-    wet = grid.wet.reshape(grid.levels.size, -1)[:, nearest(grid, track[:, :2])]
+    wet = grid.wet.reshape(grid.levels.size, -1)[:, nearest_node(grid, track[:, :2])]
     return np.max(np.where(wet, grid.levels[:, None], 0.0), axis=0)
 
 

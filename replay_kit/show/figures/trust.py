@@ -10,7 +10,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.results.innovations import Measured, rows_of_dives, thinned
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import CurrentSlices, error_through_time
-from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing_panel
 from replay_kit.show.numbers import fixed
 
 _TIME = Axis("time (UTC)")
@@ -29,7 +29,7 @@ def trust_figure(contents: Contents) -> Figure:
     title = "Innovations"
     if not contents.measured.count:
         why = "The result holds no measurement to compare the estimate with."
-        return Figure("trust", title, [missing(title, why)])
+        return Figure("trust", title, [missing_panel(title, why)])
     figures, lacking = trust_figures(contents)
     panels = [figures[key].panels[k] for key, k in _IN_PRINT.items() if key in figures]
     return Figure("trust", title, panels, notes=lacking)

@@ -17,10 +17,10 @@ from replay_kit.core.words.text import time_text
 from replay_kit.results.geojson import POSITIONS, features_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import CurrentSlices
-from replay_kit.show.figures.draw import column
+from replay_kit.show.figures.draw import rounded_column
 from replay_kit.show.figures.figure import ON_MAP
-from replay_kit.show.figures.map import Extent, around, bottom_lines, dry_text, places_of
-from replay_kit.show.page.page import Map, pack
+from replay_kit.show.figures.map import Extent, bottom_lines, dry_text, extent_around, places_of
+from replay_kit.show.page.page import Map, pack_array
 
 #: Of one step of the packed current [m/s].
 _STEP = 5e-4
@@ -118,23 +118,23 @@ def _views(
     views = {} if several or not plan.size else {"plan": np.vstack([plan, places("vehicle")])}
     if track.size:
         views["track"] = whole if several else track
-    found = {name: around(at, 0.14) for name, at in views.items()}
+    found = {name: extent_around(at, 0.14) for name, at in views.items()}
     if slices is not None:
         ends = np.column_stack([slices.east[[0, -1]], slices.north[[0, -1]]]) / 1e3
         whole = np.vstack([whole, ends])
-    return found | {"region": around(whole)}
+    return found | {"region": extent_around(whole)}
 
 
 def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the packed arrays and axes of the coloured field: mean over a dive, then each depth."""
     mean = contents.dive_mean
     assert mean is not None
-    packed = {"current": pack(np.concatenate([mean[None], slices.fields]), _STEP, 1)}
+    packed = {"current": pack_array(np.concatenate([mean[None], slices.fields]), _STEP, 1)}
     if slices.outside is not None and slices.outside.any():
-        packed["outside"] = pack(np.where(slices.outside, 1.0, np.nan), 1.0)
+        packed["outside"] = pack_array(np.where(slices.outside, 1.0, np.nan), 1.0)
     drawn = {
-        "east": column(slices.east / 1e3, 7),
-        "north": column(slices.north / 1e3, 7),
+        "east": rounded_column(slices.east / 1e3, 7),
+        "north": rounded_column(slices.north / 1e3, 7),
         "times": (slices.time_ns // 1_000_000).tolist(),
         "scales": {
             "speed": _scale(slices.fields[:, :, :2], "speed", "speed-dark"),
@@ -180,8 +180,8 @@ def frame_of(projection: Projection, extent: Extent) -> dict[str, Any]:
     return {
         "ends": [float(east[0]), float(east[-1]), float(north[0]), float(north[-1])],
         "nodes": _NODES,
-        "longitude": column(longitude, 7),
-        "latitude": column(latitude, 7),
+        "longitude": rounded_column(longitude, 7),
+        "latitude": rounded_column(latitude, 7),
         "land": [np.round(ring / 1e3, 2).tolist() for ring in rings],
     }
 

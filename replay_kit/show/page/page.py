@@ -44,7 +44,7 @@ class Map(NamedTuple):
         caption: Caption as HTML.
         alternative: Text alternative.
         choices: What to choose from as text, by name of the control: of the last one the last is chosen, otherwise the first.
-        packed: Large numeric arrays, see ``pack``.
+        packed: Large numeric arrays, see ``pack_array``.
         drawn: Data for the script, see ``map.py``.
     """
 
@@ -129,7 +129,7 @@ def _text(name: str) -> str:
     return files("replay_kit.show.page").joinpath(name).read_text(encoding="utf-8")
 
 
-def pack(values: NDArray[np.float64], step: float, along: int = 0) -> dict[str, Any]:
+def pack_array(values: NDArray[np.float64], step: float, along: int = 0) -> dict[str, Any]:
     """Return an array as 16-bit integers in base64 for the page's script, rounded to a step.
 
     Differences along an axis are stored, low bytes before high bytes, for better compression by gzip.

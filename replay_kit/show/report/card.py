@@ -20,7 +20,7 @@ from replay_kit.show.numbers import (
     fixed,
     hours_text,
     minutes_text,
-    nice,
+    nice_number,
     sentence,
 )
 from replay_kit.show.page.page import compass, legend
@@ -223,7 +223,7 @@ def _profile(contents: Contents) -> str:
         marks.append(Mark("line", value, depth, name, color))
         words.append(f"{name} {fixed(value[0], 1)} to {fixed(value[-1], 1)} cm/s")
         reach = max(reach, float(np.abs(both).max()))
-    ends = nice(reach, True)
+    ends = nice_number(reach, True)
     axes = Axis("", ends=(-ends, ends)), Axis("depth", "m", (max(float(depth[-1]), 1.0), 0.0))
     panel = Panel("", *axes, marks, 0.52)
     (svg, _), *_ = panels_svg(Figure("at-the-vehicle", "", [panel]), 350.0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.plan import Plan
-from replay_kit.results.geojson import known
+from replay_kit.results.geojson import finite_or_none
 from replay_kit.results.innovations import thinned
 from replay_kit.results.mcap.schemas import attributes
 from replay_kit.results.views.contents import Contents
@@ -135,7 +135,7 @@ def _plans_html(contents: Contents) -> str:
     named = "heading_deg glide_angle_deg duration_s=duration closest_approach_m=closest_approach"
     for count in kept.tolist():
         plan = plans.iloc[count]
-        record = {name: known(value) for name, value in attributes(plan, named).items()}
+        record = {name: finite_or_none(value) for name, value in attributes(plan, named).items()}
         if plan["status"] == "failed":
             record |= dict.fromkeys(("heading_deg", "glide_angle_deg"))
         about = {"begins": str(plan.name)[:16], **plan[["status", "message"]]}

@@ -12,9 +12,9 @@ from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Plan
 from replay_kit.results.geojson import plan_of
-from replay_kit.results.innovations import Columns, blocks_in, joined, picked
+from replay_kit.results.innovations import Columns, blocks_in, joined_blocks, picked_rows
 from replay_kit.results.mcap.schemas import decode
-from replay_kit.results.mcap.topics import CONFIG_NAME, complete
+from replay_kit.results.mcap.topics import CONFIG_NAME, naming_errors
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader, check_result
 from replay_kit.show.sentences import SOURCES
@@ -100,7 +100,7 @@ def read_held(reader: ResultReader) -> Held:
     check_result(reader)
     ends = reader.summary.statistics
     assert ends is not None
-    with complete(reader.path):
+    with naming_errors(reader.path):
         fixes, reckoned = _positions(reader)
         plans = [plan_of(one) for one in _last(reader, "/plan/controls", "Plan", _PLANS)]
         outcomes = _last(reader, "/plan/outcome", "PlanOutcome", _OUTCOMES)
@@ -142,19 +142,19 @@ def _last_dive(reader: ResultReader) -> Columns | None:
     kept: list[Columns] = []
     for whole in blocks_in(reader, newest=True):
         # the vehicle's own: others' are counted by dives of their own
-        block = picked(whole, ~np.isin(whole["mean_current_kind"], [*SOURCES]))
+        block = picked_rows(whole, ~np.isin(whole["mean_current_kind"], [*SOURCES]))
         if not block["dive"].size:
             continue
         dive = (kept[0] if kept else block)["dive"][-1]
         # those after the last row of another dive
         of_dive = np.logical_and.accumulate(block["dive"][::-1] == dive)[::-1]
-        kept.insert(0, picked(block, of_dive))
+        kept.insert(0, picked_rows(block, of_dive))
         if not of_dive.all() or (not dive and sum(one["dive"].size for one in kept) >= _OUTCOMES):
             break
     if not kept:
         return None
-    rows = (found := joined(kept))["dive"].size
-    return found if found["dive"][-1] else picked(found, np.arange(rows) >= rows - _OUTCOMES)
+    rows = (found := joined_blocks(kept))["dive"].size
+    return found if found["dive"][-1] else picked_rows(found, np.arange(rows) >= rows - _OUTCOMES)
 
 
 def _positions(reader: ResultReader) -> tuple[list[Fix], Fix | None]:

@@ -105,12 +105,12 @@ def _first(status: Status, room: int) -> Line:
     more = [odds_said] if odds_said and odds_said not in texts else []
     known = "no contradiction found" if fit.get("verdict") else fit.get("unjudged", "")
     whole = "; ".join([*texts, *more]) or known
-    text = whole if len(whole) <= room else fitting(texts or [whole], room)
+    text = whole if len(whole) <= room else fitting_texts(texts or [whole], room)
     end = said.parts if odds_said and text.endswith(odds_said) else ()
     return Line(label, Sentence([text.removesuffix(odds_said) if end else text, *end]))
 
 
-def fitting(texts: Sequence[str], room: int) -> str:
+def fitting_texts(texts: Sequence[str], room: int) -> str:
     """Return the texts that fit, the first one shortened if too long, and the number omitted."""
     for kept in range(len(texts), 0, -1):
         left = f"; {len(texts) - kept} more: -v" if kept < len(texts) else ""
@@ -154,7 +154,7 @@ def _steer(values: Values, room: int) -> _Said:
     fits = len(str(sentence(whole, values))) <= room
     if values["heading_deg"] is None:
         form = "{said}"
-        said = fitting([f"no command: {values['message']}"], room)
+        said = fitting_texts([f"no command: {values['message']}"], room)
         yield "Steer", form, {"said": said}, ""
     else:
         yield "Steer", whole if fits and values["speed"] is not None else form, values, ""

@@ -13,7 +13,7 @@ import numpy as np
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.words.progress import counted, each_call
+from replay_kit.core.words.progress import each_call, step_counter
 from replay_kit.estimator import embed_member
 from replay_kit.studies.paper.cases import (
     IDEAL_ERROR_STD,
@@ -210,7 +210,7 @@ def run_paper(
                 keep = member == shown and survey.counts == job.pings
                 yield from ((studied, survey, row, config, keep) for row in rows)
 
-    step = counted("tables", 2 * len(members) * len(rows))
+    step = step_counter("tables", 2 * len(members) * len(rows))
     runs = each_call(run, calls())
     flows: dict[str, FlowEstimate | None] = {"truth": truth_flow}
     flows["depth_averaged_truth"] = average_over_depth(truth_flow, tables.target_depth)
@@ -233,7 +233,7 @@ def run_paper(
         )
         yield tables
     measured = time.perf_counter()
-    step, table3 = counted("plans and flights", len(flows)), list[GlideRow]()
+    step, table3 = step_counter("plans and flights", len(flows)), list[GlideRow]()
     asked = ((name, flow, truth_flow, pairs) for name, flow in flows.items())
     for row in each_call(glides_on, asked):
         table3.append(row)

@@ -15,7 +15,7 @@ from replay_kit.core.arrays import Array, points_over
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.files.atomic import write_whole
 from replay_kit.core.files.paths import check_paths
-from replay_kit.core.flow.dataset import described
+from replay_kit.core.flow.dataset import described_dataset
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
 
@@ -189,7 +189,7 @@ def _dataset(values: Array, seed: int, what: str) -> xr.Dataset:
     ):
         about = {"standard_name": f"{direction}_sea_water_velocity", "units": "m s-1"}
         variables[name] = dims, component, about
-    return described(
+    return described_dataset(
         xr.Dataset(variables, coordinates),
         f"synthetic {what}: eddies and a meandering jet",
         f"synthesize, seed {seed}",

@@ -65,7 +65,7 @@ def run_fleet(
     progress(0, len(missions), "missions")
     for number, outcome, error in workers.completed(run_mission, zip(missions)):
         name = missions[number].name
-        done[number] = outcome if error is None else failure(name, error)
+        done[number] = outcome if error is None else failed_mission(name, error)
         ended = "failed" if done[number].failed else "done"
         progress(len(done), len(missions), f"missions: {name} {ended}")
         yield tuple(done[k] for k in sorted(done))
@@ -79,7 +79,7 @@ def run_mission(mission: Mission) -> Outcome:
     # what it is that fails in one of a thousand missions must not cost the others
     except Exception as error:
         part_of(mission.result).unlink(missing_ok=True)
-        return failure(mission.name, error)
+        return failed_mission(mission.name, error)
 
 
 def _run(mission: Mission, identity: str) -> Outcome:
@@ -134,7 +134,7 @@ def _kept(mission: Mission, identity: str) -> Outcome | None:
         return None
 
 
-def failure(name: str, error: Exception) -> Outcome:
+def failed_mission(name: str, error: Exception) -> Outcome:
     """Return the outcome of a mission that failed with an error."""
     if isinstance(error, ReplayKitError):
         return Outcome(name, failed=str(error), exit_code=error.exit_code)
@@ -146,4 +146,4 @@ def expected_of(mission: Mission) -> DryRun | Outcome:
     try:
         return dry_run(mission.job, mission.config, planner_of)
     except Exception as error:
-        return failure(mission.name, error)
+        return failed_mission(mission.name, error)

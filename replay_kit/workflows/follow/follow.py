@@ -36,22 +36,17 @@ from replay_kit.workflows.follow.watch import (
     notify,
     read_goal,
     read_memory,
-    standing,
+    standing_alarms,
     with_goal,
     with_vehicle_name,
     write_memory,
 )
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, build
-from replay_kit.workflows.replay.inputs.job import (
-    Following,
-    ReplayJob,
-    forecasts_of,
-    logs_of,
-)
+from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, forecasts_of, logs_of
 from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.provenance import named_hash
 from replay_kit.workflows.replay.inputs.region import from_record
-from replay_kit.workflows.replay.inputs.vehicles import identified
+from replay_kit.workflows.replay.inputs.vehicles import with_vehicles
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import read_each, write_pages
@@ -252,7 +247,7 @@ class Follower:
         )
         goal = goals[0][1] if goals else None
         job = replace(self._job, logs=used, vehicles=vehicles, goal=goal, overwrite=True)
-        job = identified(job, self._config)
+        job = with_vehicles(job, self._config)
         forecasts = self._forecasts(job)
         said = (self._without_folders(text) for text in self._memory.said)
         record = {f"{number:03d}": text for number, text in enumerate(said)}
@@ -319,7 +314,7 @@ class Follower:
         if statuses != self._shown:
             write_pages(statuses, self._made, options.status, max(int(options.interval_s), 5))
             self._shown = statuses
-        self._remember(given=standing(statuses, self._memory.given))
+        self._remember(given=standing_alarms(statuses, self._memory.given))
         for name, status in statuses.items():
             for alarm in new_alarms(status, self._memory.given, name):
                 self._tell(f"ALARM: {with_vehicle_name(name, alarm.kind)}: {alarm.text}")

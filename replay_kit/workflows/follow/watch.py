@@ -152,7 +152,7 @@ def look(paths: Iterable[Path], outputs: Iterable[Path]) -> dict[Path, Stamp]:
     return stamps_of(dict.fromkeys(found))
 
 
-def settled(before: Mapping[Path, Stamp], now: Mapping[Path, Stamp]) -> dict[Path, Stamp]:
+def settled_files(before: Mapping[Path, Stamp], now: Mapping[Path, Stamp]) -> dict[Path, Stamp]:
     """Return the complete files at the second of two looks: unchanged between them, or of a growing kind."""
     return {path: at for path, at in now.items() if before.get(path) == at or may_grow(path)}
 
@@ -181,7 +181,7 @@ def look_again(
     stamps = {path: source.stamp for path, source in known.items()}
     if any(stamps.get(path) != stamp for path, stamp in now.items()):
         clock.wait(min(interval_s, _SETTLING))
-        stamps |= settled(now, looked())
+        stamps |= settled_files(now, looked())
         there = {path: stamps[path] for path in now if path in stamps}
     sources = {path: source for path, source in known.items() if path in now}
     lost = [path.name for path, one in known.items() if path not in now and not one.aside]
@@ -194,7 +194,7 @@ def look_again(
             continue
         vehicle = vehicle_of(path)
         of_vehicle = {other: one for other, one in sources.items() if vehicle_of(other) == vehicle}
-        found = judged(of_vehicle, examine(path, stamp, config), clock.now_ns())
+        found = judged_file(of_vehicle, examine(path, stamp, config), clock.now_ns())
         if words := change_words(before, found):
             said.append(f"{path.name} {words}")
             changed |= not found.aside or (before is not None and not before.aside)
@@ -224,7 +224,7 @@ def examine(path: Path, stamp: Stamp, config: LogConfig) -> Source:
         return Source(path, stamp, digest.hexdigest(), aside=f"is not a readable log: {words}")
 
 
-def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
+def judged_file(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
     """Return a file, excluded if it does not belong to the mission.
 
     Args:
@@ -350,7 +350,7 @@ def new_alarms(status: Status, given: Sequence[str], name: str = "") -> tuple[Al
     return tuple(alarm for alarm in status.alarms if key_of(alarm, name) not in given)
 
 
-def standing(statuses: Mapping[str, Status], given: Sequence[str]) -> tuple[str, ...]:
+def standing_alarms(statuses: Mapping[str, Status], given: Sequence[str]) -> tuple[str, ...]:
     """Return the given alarms that persist, so that a recurring one is given again; alarms of surfacings only once."""
     now = {key_of(alarm, name) for name, status in statuses.items() for alarm in status.alarms}
     once = tuple(

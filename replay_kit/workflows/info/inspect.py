@@ -23,7 +23,7 @@ from replay_kit.logs.merge import FAR_NS, Settled, Settling, doubtful_times
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.tables.mapped import suggested_entries
 from replay_kit.logs.tables.schemas import NOT_A_KIND, may_state
-from replay_kit.measurements.observed import begun, blocks, taken
+from replay_kit.measurements.observed import blocks, measure_messages, new_stream
 from replay_kit.measurements.profiles.pings import NO_POSITION
 from replay_kit.workflows.replay.inputs.scan import next_block
 
@@ -299,7 +299,7 @@ def _together(logs: Sequence[LogFile], config: RunConfig) -> LogContent:
     """Return the content of logs that supply each other's positions, merged as in a replay."""
     content, settings = LogContent(), config.logs
     merged = merge(logs, settings.reorder_window, settings.start_ns, settings.end_ns)
-    stream = begun(settings.system, settings.component)
+    stream = new_stream(settings.system, settings.component)
     for block in blocks(merged, config.measurements, stream=stream):
         content = content.extended(block)
     return content
@@ -312,7 +312,7 @@ def _advance(progress: Progress, before: int, logs: int, log: LogFile) -> None:
 def _inspect(
     log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None
 ) -> LogInfo:
-    stream, content = begun(config.logs.system, config.logs.component), LogContent()
+    stream, content = new_stream(config.logs.system, config.logs.component), LogContent()
     spans = Spans()
     not_used: Counter[tuple[str, str]] = Counter()
     decoded: Counter[str] = Counter()
@@ -321,7 +321,8 @@ def _inspect(
 
     def take(messages: Sequence[Message], last: bool = False) -> None:
         nonlocal stream, content
-        since, (stream, found) = stream.order, taken(stream, messages, config.measurements, last)
+        since = stream.order
+        stream, found = measure_messages(stream, messages, config.measurements, last)
         content = content.extended(found)
         for due, topic, reason in found.outcomes[found.outcomes[:, 2] >= 0].tolist():
             name, why = found.topics[topic], found.reasons[reason]

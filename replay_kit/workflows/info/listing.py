@@ -14,24 +14,17 @@ from rich.table import Table
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.words.text import count_text
 from replay_kit.logs.opening import pattern
-from replay_kit.logs.payloads import gather
+from replay_kit.logs.payloads import merged_notes
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.results.losses import (
-    coded,
+    coded_reasons,
     loss_json,
     loss_lines,
     unchecked_lines,
     undecodable_json,
     undecodable_lines,
 )
-from replay_kit.show.text import (
-    folded,
-    iso,
-    not_used_lines,
-    print_lines,
-    print_table,
-    short_times,
-)
+from replay_kit.show.text import folded, iso, not_used_lines, print_lines, print_table, short_times
 from replay_kit.workflows.info.inspect import LogContent, LogInfo, span_of, use_of
 
 # a log is listed without the libraries of forecasts
@@ -154,7 +147,7 @@ def info_json(info: LogInfo) -> dict[str, Any]:
             }
             for name, topic in info.topics.items()
         ],
-        "not_used": {topic: coded(reasons) for topic, reasons in info.not_used.items()},
+        "not_used": {topic: coded_reasons(reasons) for topic, reasons in info.not_used.items()},
         "undecodable": undecodable_json(report.undecodable),
         "notes": report.notes,
         "losses": [loss_json(loss) for loss in report.losses],
@@ -218,7 +211,7 @@ def _logs(logs: Sequence[LogInfo]) -> tuple[Sequence[str], list[tuple[str, ...]]
 
 def _lines(logs: Sequence[LogInfo], verbose: bool) -> Iterator[str]:
     """Yield lines on what logs hold, lack and lost; of several logs the first lines of each kind."""
-    some = few if len(logs) > 1 else iter
+    some = first_lines if len(logs) > 1 else iter
     if len(logs) == 1:
         yield from (f"Mission: {log.report.mission}" for log in logs if log.report.mission)
         yield from _content_lines(logs[0])
@@ -242,11 +235,11 @@ def _lines(logs: Sequence[LogInfo], verbose: bool) -> Iterator[str]:
     yield from (f"Missing for a replay: {one}" for one in missing)
     mappable = {(topic, kind): None for log in logs for topic, kind in log.mappable.items()}
     yield from some([f"Unknown type: {topic} looks like a {kind}" for topic, kind in mappable])
-    notes = gather(note for log in logs for note in log.report.notes)
+    notes = merged_notes(note for log in logs for note in log.report.notes)
     yield from some([f"Note: {note}" for note in notes])
 
 
-def few(lines: Sequence[str]) -> Iterator[str]:
+def first_lines(lines: Sequence[str]) -> Iterator[str]:
     """Yield the first lines, and the number of the others."""
     yield from lines[:_MOST_LINES]
     if len(lines) > _MOST_LINES:

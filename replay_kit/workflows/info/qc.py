@@ -17,8 +17,8 @@ from replay_kit.core.observation.table import Block
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge
 from replay_kit.logs.tables.schemas import NOT_A_KIND
-from replay_kit.measurements.observed import begun, blocks
-from replay_kit.results.losses import coded, loss_json, lost_text
+from replay_kit.measurements.observed import blocks, new_stream
+from replay_kit.results.losses import coded_reasons, loss_json, lost_text
 from replay_kit.show.text import not_used_lines, print_lines, print_table
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers
@@ -82,7 +82,7 @@ def check_quality(
     merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
     topics: dict[str, _TopicCount] = {}
     counts: Counter[tuple[str, str]] = Counter()
-    stream = begun(settings.system, settings.component)
+    stream = new_stream(settings.system, settings.component)
     for block in blocks(merged, config.measurements, stream=stream):
         progress(0, 0, "testing")
         for number in np.unique(block.ping.get("topic", _NO_PINGS)).tolist():
@@ -107,7 +107,7 @@ def check_quality(
             _topic_json(name, tested, config.measurements)
             for name, tested in sorted(topics.items())
         ],
-        "not_used": {topic: coded(reasons) for topic, reasons in by_topic(counts).items()},
+        "not_used": {topic: coded_reasons(reasons) for topic, reasons in by_topic(counts).items()},
         "late": late,
         "losses": losses,
     }
@@ -128,7 +128,7 @@ def _topic_json(name: str, topic: _TopicCount, settings: MeasurementConfig) -> d
                 "evaluated": count.flags.total() - count.flags[Flag.NOT_EVALUATED],
                 "suspect": count.flags[Flag.SUSPECT],
                 "failed": count.flags[Flag.FAIL],
-                "not_evaluated": coded(count.not_evaluated),
+                "not_evaluated": coded_reasons(count.not_evaluated),
             }
         )
     return {

@@ -43,7 +43,7 @@ from replay_kit.forecast.names import MEMBER_NAMES
 from replay_kit.show.notebook import Result, as_pooled
 from replay_kit.workflows.library.parts import (
     EstimatorBuilder,
-    given,
+    given_estimator,
     is_forecast,
     is_observed,
     planner_factory,
@@ -151,7 +151,7 @@ def replay(
             goal=of_one,
             vehicles=vehicles,
             overwrite=overwrite,
-            estimator=None if estimator is None else given(estimator),
+            estimator=None if estimator is None else given_estimator(estimator),
             provided=tuple(name for name in _PARTS if options.get(name) is not None),
         )
         if addresses_in(job.ensemble):

@@ -158,7 +158,7 @@ def _dataset_of(ensemble: Ensemble) -> "xr.Dataset":
 EstimatorBuilder = Callable[[Ensemble, EstimatorConfig], Estimator[Any]]
 
 
-def given(
+def given_estimator(
     estimator: EstimatorBuilder | Estimator[Any],
 ) -> Callable[[Forecasts, RunConfig], Estimator[Any]]:
     """Return the factory of a run's estimator, given one or its factory."""

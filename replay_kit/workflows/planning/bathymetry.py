@@ -16,7 +16,7 @@ from replay_kit.core.files.inputs import exceeds_claim
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Grid, Projection, Seabed
 from replay_kit.core.region import bounds_of
-from replay_kit.core.region import inside as within
+from replay_kit.core.region import inside_box as within
 from replay_kit.core.words.quantities import metres
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
 
 def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     from replay_kit.forecast.names import find_coordinates
-    from replay_kit.forecast.variables import unpacked
+    from replay_kit.forecast.variables import unpacked_values
 
     there, names = dataset.variables, list[str]()
     found = {
@@ -112,13 +112,13 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     name, flat = found[usual], dataset[names[0]].ndim == 1
     dims = [dataset[axis].dims[0] for axis in names[::-1]] if flat else dataset[name].dims
     dataset = dataset.transpose(*dims, ...)
-    block = _window(region, *(unpacked(dataset[axis]).astype(float) for axis in names))
+    block = _window(region, *(unpacked_values(dataset[axis]).astype(float) for axis in names))
     # the cut is what is read
     dataset = dataset.isel(dict(zip(dims, block, strict=True)))
     variable = dataset[name]
     if why := exceeds_claim(path, 8 * variable.size):
         raise ForecastError(f"{path}: cannot read {name}: {why}; mend the file")
-    longitude, latitude = (unpacked(dataset[axis]).astype(float) for axis in names)
+    longitude, latitude = (unpacked_values(dataset[axis]).astype(float) for axis in names)
     if flat:
         longitude, latitude = np.meshgrid(longitude, latitude)
     sign = str(variable.attrs.get("positive", _USUAL[usual])).lower()
@@ -129,10 +129,10 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     unit = str(variable.attrs.get("units", "m")).strip().lower()
     if (metre := metres(unit)) is None:
         raise ForecastError(f"{path}: {name} is in {unit!r}; expected metres, km, cm or ft")
-    values = unpacked(variable).astype(float) * metre
+    values = unpacked_values(variable).astype(float) * metre
     values = -values if sign == "up" else values
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
-        values = np.where(unpacked(dataset["mask_rho"]) > 0.5, values, np.nan)
+        values = np.where(unpacked_values(dataset["mask_rho"]) > 0.5, values, np.nan)
     if not np.any(values > 0.0):
         what, other = ("height", "down") if sign == "up" else ("depth", "up")
         raise ForecastError(
@@ -146,7 +146,7 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
 
 def _window(region: Grid, longitude: Array, latitude: Array) -> tuple[Any, Any]:
     """Return the rows and columns in and around a region, ordered across the file's seam; all if none lies in it."""
-    from replay_kit.forecast.grids.horizontal import region_block, runs
+    from replay_kit.forecast.grids.horizontal import index_runs, region_block
 
     ends = []
     for values, of_region in ((longitude, region.longitude), (latitude, region.latitude)):
@@ -157,8 +157,8 @@ def _window(region: Grid, longitude: Array, latitude: Array) -> tuple[Any, Any]:
     block = region_block(longitude, latitude, (west, south, east, north))
     if block is None:
         return slice(None), slice(None)
-    columns = runs(block[1])
-    return runs(block[0])[0], columns[0] if len(columns) == 1 else block[1]
+    columns = index_runs(block[1])
+    return index_runs(block[0])[0], columns[0] if len(columns) == 1 else block[1]
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:

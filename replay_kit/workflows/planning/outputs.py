@@ -17,7 +17,7 @@ from planners.output import (
     waypoint_text,
 )
 from replay_kit.core.plan import share_interval
-from replay_kit.core.region import collection_file, feature, positions
+from replay_kit.core.region import collection_file, continuous_positions, feature
 from replay_kit.core.words.text import time_text
 from replay_kit.show.sentences import energy_sentence
 from replay_kit.show.text import print_table
@@ -57,7 +57,7 @@ def texts_of(
         drawn = [one for one in every if one["properties"]["role"] not in ("goal", "planned")]
         rows = places_table(made, odds)
         longitude, latitude = ([row[name] for row in rows] for name in ("longitude", "latitude"))
-        at = positions(longitude, latitude, made.start.longitude)
+        at = continuous_positions(longitude, latitude, made.start.longitude)
         drawn += [feature("Point", *one) for one in zip(at, rows, strict=True)]
         yield geojson, collection_file(drawn)
     if csv is not None:

@@ -16,12 +16,12 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError, PlanError
 from replay_kit.results.differences import Recorded
 from replay_kit.results.mcap.writer import ResultWriter
-from replay_kit.results.outcome.outcome import made
+from replay_kit.results.outcome.outcome import checked_outcome
 from replay_kit.results.outcome.parts import plan_part
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.bathymetry import seabed_of
 from replay_kit.workflows.planning.outputs import departures_table
-from replay_kit.workflows.planning.request import checked, planned_on
+from replay_kit.workflows.planning.request import checked_request, planned_on
 from replay_kit.workflows.planning.run import PlannedMission, make_plans, mission_settings
 from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
@@ -85,7 +85,7 @@ def write_mission(path: Path, overwrite: bool, planned: PlannedMission, config: 
             writer.seabed(begin, seabed_of(on.bathymetry, on.region))
         writer.plan(plan, projection)
         writer.digest(begin)
-        writer.summary(begin, made({"plan": plan_part(plan), "complete": False}))
+        writer.summary(begin, checked_outcome({"plan": plan_part(plan), "complete": False}))
 
 
 def _metadata(request: PlanRequest) -> dict[str, Mapping[str, str]]:
@@ -142,7 +142,7 @@ def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path],
     Raises:
         ReplayKitError: The record is damaged, or the kind of plan is no longer supported.
     """
-    request = checked(recorded_request(recorded.metadata[PLAN_RECORD], found))
+    request = checked_request(recorded_request(recorded.metadata[PLAN_RECORD], found))
     with threadpool_limits(limits=config.output.threads):
         each = make_plans(request, config.planner, planned_on(request, config.planner)).planned
     if (name := (request.of_glider or "") if request.glider else "") not in each:

@@ -50,7 +50,7 @@ _EXCLUDES = {
 _POSITIVE = ("time_limit", "battery", "separation", "horizon_s", "line_width")
 
 
-def completed(request: PlanRequest) -> tuple[PlanRequest, dict[Path, FlowFile]]:
+def completed_request(request: PlanRequest) -> tuple[PlanRequest, dict[Path, FlowFile]]:
     """Return a request with a missing start and goal from its result, and the files read for them.
 
     They are the last fix, and the goal of the run. Of a result of several vehicles those with a goal, in the request or else in the run,
@@ -90,7 +90,7 @@ def completed(request: PlanRequest) -> tuple[PlanRequest, dict[Path, FlowFile]]:
     return request.model_copy(update=found), {file.path: file}
 
 
-def checked(request: PlanRequest) -> PlanRequest:
+def checked_request(request: PlanRequest) -> PlanRequest:
     """Return a request checked before any file is read.
 
     Raises:
@@ -274,11 +274,11 @@ class FlowFile:
 
     def at(self, places: Sequence[Place] = ()) -> FlowEstimate:
         """Return the estimate of the last window that holds places; of the last one if none does."""
-        from replay_kit.core.region import bounds_of, inside
+        from replay_kit.core.region import bounds_of, inside_box
 
         for flow in reversed(self.flows):
             box = bounds_of(flow.grid)
-            if all(inside(box, place.longitude, place.latitude) for place in places):
+            if all(inside_box(box, place.longitude, place.latitude) for place in places):
                 return flow
         return self.flows[-1]
 

@@ -11,13 +11,13 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.message import NO_MEANS, LogReport, Message
 from replay_kit.core.observation.evidence import Evidence
 from replay_kit.logs.merge import Merge
-from replay_kit.logs.payloads import gather, short
+from replay_kit.logs.payloads import merged_notes, short_note
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.step import left_out_rules
-from replay_kit.results.losses import coded, loss_json
+from replay_kit.results.losses import coded_reasons, loss_json
 from replay_kit.results.outcome.parts import evidence_part
 from replay_kit.workflows.replay.inputs.scan import Logs
-from replay_kit.workflows.replay.steps import Counts, added
+from replay_kit.workflows.replay.steps import Counts, counts_with
 
 # Of a topic's pings; when more are lost, the summary begins with it.
 _MANY_LOST = 0.2
@@ -187,7 +187,7 @@ class Account:
 
     def part(self) -> dict[str, Any]:
         """Return the part of an outcome on messages and observations."""
-        rows = [row | {"reasons": coded(row["reasons"])} for row in self.topics()]
+        rows = [row | {"reasons": coded_reasons(row["reasons"])} for row in self.topics()]
         losses = [(report.path, loss) for report in self.reports for loss in report.losses]
         return _measured(self.counts) | {
             "messages": rows,
@@ -205,11 +205,11 @@ def surface_only(grid: Grid, logs: Logs) -> str:
     return f"The forecast has only the level 0 m, and the log goes to {deepest:.0f} m: use one with levels down to there"
 
 
-def together(each: Mapping[str, Account]) -> dict[str, Any]:
+def pooled_part(each: Mapping[str, Account]) -> dict[str, Any]:
     """Return the part of an outcome on messages and observations of several vehicles by name; dives are counted per vehicle."""
     parts, whole = {name: account.part() for name, account in each.items()}, Counts()
     for k, part in enumerate(account.counts for account in each.values()):
-        bins = added(whole.bins_rejected, part.bins_rejected.items())
+        bins = counts_with(whole.bins_rejected, part.bins_rejected.items())
         evidence = {**whole.evidence}
         if part.evidence:
             evidence[-k] = Evidence(part.evidence).total
@@ -273,11 +273,11 @@ def _measured(counts: Counts) -> dict[str, Any]:
 def _notes_of(reports: Sequence[LogReport]) -> list[str]:
     """Return the readers' notes with their logs; a note of several logs is given once, with their number."""
     paths = {note: report.path for report in reports for note in report.notes}
-    gathered = gather(note for report in reports for note in report.notes)
+    gathered = merged_notes(note for report in reports for note in report.notes)
     missions = dict.fromkeys(report.mission for report in reports if report.mission)
     merged = f"the logs are of {len(missions)} missions, merged as those of one vehicle: {', '.join(missions)}"
     return [merged] * (len(missions) > 1) + [
-        f"{paths[found[0]] if len(found) == 1 else f'{len(found)} logs'}: {short(note)}"
+        f"{paths[found[0]] if len(found) == 1 else f'{len(found)} logs'}: {short_note(note)}"
         for note, found in gathered.items()
     ]
 

@@ -21,7 +21,7 @@ from replay_kit.core.region import bounds_of
 from replay_kit.estimator import embed_member
 from replay_kit.forecast.members.rules import WARNING
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
-from replay_kit.results.outcome.outcome import Outcome, made
+from replay_kit.results.outcome.outcome import Outcome, checked_outcome
 from replay_kit.results.outcome.parts import (
     comparison_part,
     correction_part,
@@ -29,13 +29,13 @@ from replay_kit.results.outcome.parts import (
     plan_part,
     surfacings_part,
 )
-from replay_kit.workflows.replay.account import Account, together
+from replay_kit.workflows.replay.account import Account, pooled_part
 from replay_kit.workflows.replay.consistency import check_file, conclusions, require_one_vehicle
 from replay_kit.workflows.replay.inputs.forecast import flow_at
 from replay_kit.workflows.replay.inputs.job import name_of, open_truth
 from replay_kit.workflows.replay.inputs.prepare import Prepared
 from replay_kit.workflows.replay.publishing import depth_slices
-from replay_kit.workflows.replay.run import Run, end, left_windows
+from replay_kit.workflows.replay.run import Run, finish_vehicle, left_windows
 from replay_kit.workflows.replay.surfacings import next_surfacing
 from replay_kit.workflows.replay.vehicle import VehicleRun
 
@@ -73,14 +73,14 @@ def conclude(
     notes = [*notes, *values["notes"]] if job.vehicles else [*values["notes"], *notes]
     notes = [*inputs.forecasts.notes, *notes]
     values = {**values, "notes": notes, "outside": [*values["outside"], *_caveats(remarks)]}
-    outcome = made(values, (*job.logs, *job.forecasts))
+    outcome = checked_outcome(values, (*job.logs, *job.forecasts))
     with run.clock.stage("write"):
         _write(run, inputs, outcome, found, flow, windows)
     score, said = None, list[str]()
     if inputs.truth is not None:
         with run.clock.stage("score"):
             score, said = _score(run, inputs, inputs.truth, flow)
-    truth, seconds = made({"truth": score}).truth, dict(run.clock.seconds)
+    truth, seconds = checked_outcome({"truth": score}).truth, dict(run.clock.seconds)
     told = (*outcome.notes, *said)
     return replace(outcome, seconds=seconds, truth=truth, notes=told), flow
 
@@ -126,7 +126,7 @@ def _last_flows(run: Run) -> tuple[list[FlowEstimate], dict[str, int]]:
     begun = [vehicle.first_ns for vehicle in run.vehicles if vehicle.first_ns is not None]
     span_ns = (min(begun, default=run.last_ns), run.last_ns)
     for vehicle in run.vehicles:
-        planned_on, estimator = end(run, vehicle), vehicle.setup.estimator
+        planned_on, estimator = finish_vehicle(run, vehicle), vehicle.setup.estimator
         window = estimator.window(run.current)
         if window not in held:
             flow = flow_at(estimator, run.current, run.last_ns) if run.is_pooled else planned_on
@@ -145,7 +145,7 @@ def _last_flows(run: Run) -> tuple[list[FlowEstimate], dict[str, int]]:
 
 def so_far(run: Run, inputs: Prepared) -> Outcome:
     """Return the outcome so far, of all vehicles together."""
-    return made(_counted(run, inputs))
+    return checked_outcome(_counted(run, inputs))
 
 
 def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
@@ -153,7 +153,7 @@ def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
     each = {
         vehicle.setup.name: account for vehicle, account in zip(run.vehicles, accounts, strict=True)
     }
-    return together(each) if inputs.job.vehicles else accounts[0].part()
+    return pooled_part(each) if inputs.job.vehicles else accounts[0].part()
 
 
 def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
@@ -234,7 +234,7 @@ def _pooled_values(
             "the result holds all"
         )
     return _counted(run, inputs) | {
-        "vehicles": {name: made(one) for name, one in each.items()},
+        "vehicles": {name: checked_outcome(one) for name, one in each.items()},
         "unused": unused,
         "notes": notes,
         "consistency": [

@@ -93,7 +93,7 @@ class MonitoringState:
         return any(one.distrusts or one.name in of_positions for one in self.findings)
 
 
-def checked(
+def checked_block(
     state: MonitoringState, block: Block, config: RunConfig, speeds: EnsembleSpeeds | None
 ) -> tuple[MonitoringState, Block, dict[int, FoundWith]]:
     """Return the state after the checks of a block, its usable form, and the findings by event.
@@ -117,7 +117,7 @@ def checked(
     return replace(state, checks=checks), block, found
 
 
-def tracked(state: MonitoringState, block: Block, events: Integers) -> MonitoringState:
+def with_tracks(state: MonitoringState, block: Block, events: Integers) -> MonitoringState:
     """Return the state with the positions among some events of a block, rows as in ``Block.events``."""
     rows = events[events[:, 1] == POSITION, 2]
     if not rows.size:
@@ -126,7 +126,7 @@ def tracked(state: MonitoringState, block: Block, events: Integers) -> Monitorin
     return replace(state, tracks=state.tracks.after(positions))
 
 
-def noted(state: MonitoringState, found: FoundWith, config: RunConfig) -> MonitoringState:
+def with_findings(state: MonitoringState, found: FoundWith, config: RunConfig) -> MonitoringState:
     """Return the state with the findings of an event.
 
     Raises:
@@ -202,7 +202,7 @@ def left_out(state: MonitoringState, found: FoundWith) -> tuple[MonitoringState,
     ]
 
 
-def trusting(estimator: Any, state: MonitoringState) -> Any:
+def trusting_estimator(estimator: Any, state: MonitoringState) -> Any:
     """Return the estimator, with a gate that rejects neither source while two contradict each other."""
     if not state.contradict or getattr(estimator, "probability", None) is None:
         return estimator
@@ -260,7 +260,7 @@ def _preferred(counts: Counts) -> tuple[Finding, ...]:
         others = [other for other in shares if other != kind and shares[other] < 0.5]
         if rejected >= _LEAST_REJECTED and share > 0.5 and others:
             evidence = f"{rejected} of {asked[kind]} rejected"
-            return (findings.preferred(kind, min(others, key=shares.__getitem__), evidence),)
+            return (findings.preferred_source(kind, min(others, key=shares.__getitem__), evidence),)
     return ()
 
 

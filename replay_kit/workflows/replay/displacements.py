@@ -65,7 +65,7 @@ class Between:
     ahead: Ahead | None = None
 
 
-def adrift(state: Between, track: Track, surface_depth: float) -> Between | None:
+def after_surface_fixes(state: Between, track: Track, surface_depth: float) -> Between | None:
     """Return the state after fixes at the surface between dives; None for other positions."""
     below = track.columns["dead_reckoned"].any() or (track.columns["depth"] > surface_depth).any()
     if below or in_dive(state.detection):
@@ -82,7 +82,7 @@ def dive_along(
     depth, weight = mean["path_depth"], mean["weight"]
     start, fix = (Fix(at.time, at.longitude, at.latitude) for at in (path.start, spot_of(end)))
     seconds, velocity = over_ground(start, fix)
-    current, basis = predicted(ahead, last, depth, weight)
+    current, basis = predicted_mean(ahead, last, depth, weight)
     dive = DiveMean(
         time_ns=(start.time_ns + fix.time_ns) // 2,
         seconds=seconds,
@@ -135,7 +135,7 @@ def path_average(depth: Array, weight: Array, levels: Array, velocity: Array) ->
     return np.array([weight @ np.interp(depth, levels, component) for component in velocity.T])
 
 
-def predicted(
+def predicted_mean(
     ahead: Ahead | None, last: Dive | None, depth: Array, weight: Array
 ) -> tuple[Array, Basis]:
     """Return the predicted mean current over depths, shape (2,) [m/s], and its basis.

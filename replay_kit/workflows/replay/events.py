@@ -25,7 +25,7 @@ from replay_kit.core.observation import (
     Source,
     VehicleState,
 )
-from replay_kit.core.observation.table import LINEAR, PING, POSITION, Block, Columns, chosen
+from replay_kit.core.observation.table import LINEAR, PING, POSITION, Block, Columns, chosen_rows
 from replay_kit.estimator.update.grouping import Grouping
 from replay_kit.measurements.profiles.pings import MISSING, padded
 
@@ -95,7 +95,7 @@ Event = Track | Aside | Profiles | PathMean | LinearMeasurement
 _Other = Aside | PathMean | LinearMeasurement
 
 
-def light(event: Event) -> Event:
+def lightened(event: Event) -> Event:
     """Return an observation without data needed only by its checks or a result, detached from its block."""
     if isinstance(event, LinearMeasurement):
         return replace(event, label=replace(event.label, vectors=None))
@@ -204,7 +204,7 @@ class Events:
 
 
 def _chosen(columns: Columns, names: Sequence[str], at: Indices) -> Columns:
-    return chosen({name: columns[name] for name in names}, at) if at.size else {}
+    return chosen_rows({name: columns[name] for name in names}, at) if at.size else {}
 
 
 def _joined(first: Columns, more: Columns) -> Columns:
@@ -230,7 +230,7 @@ class Item(NamedTuple):
     event: Event
 
 
-def items(
+def ready_items(
     events: Events,
     grouping: Grouping | None,
     vehicle: int,

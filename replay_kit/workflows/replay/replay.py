@@ -27,20 +27,15 @@ from replay_kit.core.observation.evidence import Evidence
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs.reader import reading
 from replay_kit.results.mcap.writer import ResultWriter
-from replay_kit.results.outcome.outcome import Outcome, failed
+from replay_kit.results.outcome.outcome import Outcome, failed_outcome
 from replay_kit.workflows.replay.checkpoint import StateError, States, run_identity
 from replay_kit.workflows.replay.conclude import conclude, so_far
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
-from replay_kit.workflows.replay.inputs.job import (
-    ReplayJob,
-    check_outputs,
-    copy_inputs,
-    name_of,
-)
+from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, copy_inputs, name_of
 from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.prepare import Prepared, prepare
-from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
-from replay_kit.workflows.replay.inputs.vehicles import identified
+from replay_kit.workflows.replay.inputs.provenance import lasting_records, run_settings_toml
+from replay_kit.workflows.replay.inputs.vehicles import with_vehicles
 from replay_kit.workflows.replay.run import Run, follow_up
 
 # Objects made before those are looked for that hold each other: a replay makes none, and to look takes a tenth of its loop.
@@ -77,7 +72,7 @@ def replay(
     check_outputs(job)
     threads = threadpool_limits(limits=config.output.threads)
     with threads, _collecting_seldom():
-        return _replay(identified(job, config), config, planner_of, progress, forecasts)[:2]
+        return _replay(with_vehicles(job, config), config, planner_of, progress, forecasts)[:2]
 
 
 @contextmanager
@@ -124,7 +119,7 @@ def _replay(
         if isinstance(error, ReplayKitError) and unusable:
             found = (one for vehicle in run.vehicles for one in vehicle.monitoring.findings)
             error.findings = error.findings or tuple(found)
-            error.answer = failed(error, so_far(run, inputs)).to_json()
+            error.answer = failed_outcome(error, so_far(run, inputs)).to_json()
         raise
     if states is not None:
         states.end()
@@ -150,7 +145,7 @@ def _states(run: Run, inputs: Prepared) -> States | None:
     job, config = inputs.job, run.config
     settings, interval = run_settings_toml(config), config.output.checkpoint_interval
     if job.following is not None:
-        identity = run_identity(lasting(inputs.metadata), settings)
+        identity = run_identity(lasting_records(inputs.metadata), settings)
         return States(
             job.following.states / "state", identity, interval, config.logs.reorder_window
         )

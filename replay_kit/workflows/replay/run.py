@@ -22,10 +22,10 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import LinearMeasurement, Profiles, VehicleState
 from replay_kit.core.observation.table import LINEAR, PING, Block
 from replay_kit.core.words.progress import Stopwatch
-from replay_kit.measurements.observed import begun, taken
+from replay_kit.measurements.observed import measure_messages, new_stream
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.workflows.replay import consistency, plans
-from replay_kit.workflows.replay.events import Aside, Events, Item, Track, items, light
+from replay_kit.workflows.replay.events import Aside, Events, Item, Track, lightened, ready_items
 from replay_kit.workflows.replay.publishing import (
     Output,
     depth_slices,
@@ -33,7 +33,7 @@ from replay_kit.workflows.replay.publishing import (
     publish_surface,
     publish_track,
 )
-from replay_kit.workflows.replay.steps import Dive, Given, Step, added, assimilate, kept
+from replay_kit.workflows.replay.steps import Dive, Given, Step, assimilate, counts_with, pruned
 from replay_kit.workflows.replay.surfacings import (
     ForecastState,
     forecast_end,
@@ -94,7 +94,7 @@ class Run:
         self.rebuilt = self.follow_up
         self._measured_by, self._owners = measured_by, owners
         prior, logs = setups[0].estimator.initial(), setups[0].config.logs
-        stream, self.current = begun(logs.system, logs.component), prior
+        stream, self.current = new_stream(logs.system, logs.component), prior
         self.vehicles = [VehicleRun(setup, stream, Dive(prior)) for setup in setups]
         self._waiting, self._n_waiting, self.kept = list[Given](), 0, list[Given]()
         self.next_slices_ns = dict[Hashable, int | None]()
@@ -168,14 +168,14 @@ class Run:
         read = [message for message in messages if message.schema != END]
         first = vehicle.stream.order
         with self.clock.stage("measure"):
-            vehicle.stream, block = taken(
+            vehicle.stream, block = measure_messages(
                 vehicle.stream, read, self._measured_by, len(read) < len(messages)
             )
         with self.clock.stage("check"):
-            vehicle.monitoring, block, found = consistency.checked(
+            vehicle.monitoring, block, found = consistency.checked_block(
                 vehicle.monitoring, block, vehicle.setup.config, vehicle.setup.speeds
             )
-        counted = added(vehicle.counts.messages, block.counts().items())
+        counted = counts_with(vehicle.counts.messages, block.counts().items())
         vehicle.counts = replace(vehicle.counts, messages=counted)
         # what waited for the end of the logs comes with it
         return block, found, np.minimum(block.events[:, 0] - first, len(messages) - 1).tolist()
@@ -194,7 +194,9 @@ class Run:
         others = [one.monitoring.left_out for one in self.vehicles if one is not vehicle]
         if any(contradict for _, contradict in found) and not all(others):
             vehicle.monitoring, found = consistency.left_out(vehicle.monitoring, found)
-        vehicle.monitoring = consistency.noted(vehicle.monitoring, found, vehicle.setup.config)
+        vehicle.monitoring = consistency.with_findings(
+            vehicle.monitoring, found, vehicle.setup.config
+        )
         self._release(close=True)
         self._assimilate()
         if any(finding.distrusts for finding, _ in found):
@@ -296,7 +298,7 @@ class Run:
         due.sort()
         for number, (vehicle, events) in enumerate(zip(self.vehicles, some, strict=True)):
             beside = [one for one in due if one[1] != number]
-            ready, n = items(events, vehicle.setup.estimator.grouping, number, beside, last)
+            ready, n = ready_items(events, vehicle.setup.estimator.grouping, number, beside, last)
             found += ready
             if n:
                 vehicle.waiting = vehicle.waiting.part(n, len(vehicle.waiting))
@@ -311,7 +313,7 @@ class Run:
         steps, each = self._stepped(given)
         if self.is_pooled:
             self.kept += [
-                (number, light(event))
+                (number, lightened(event))
                 for number, event in given
                 if not isinstance(event, Track | Aside)
             ]
@@ -322,7 +324,7 @@ class Run:
         self.follow_up(self, steps)
         self.current = self.vehicles[0].estimator.without_left(self.current)
         for vehicle in self.vehicles:
-            vehicle.dive = kept(vehicle.estimator, vehicle.dive)
+            vehicle.dive = pruned(vehicle.estimator, vehicle.dive)
 
     def finish(self) -> None:
         """Pass on all waiting events."""
@@ -457,7 +459,7 @@ def left_windows(run: Run, flows: Iterable[FlowEstimate]) -> list[int]:
     return numbers
 
 
-def end(run: Run, vehicle: VehicleRun) -> FlowEstimate:
+def finish_vehicle(run: Run, vehicle: VehicleRun) -> FlowEstimate:
     """Finish a surfacing of a vehicle and plan from its last position, of several at its own time; return the estimate used."""
     _expect(run, vehicle, forecast_end(vehicle.forecasts))
     flow, at = vehicle.flow(run.current, run.last_ns), vehicle.planning.position

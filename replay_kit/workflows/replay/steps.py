@@ -127,7 +127,7 @@ def assimilate(
     return current, ended, steps
 
 
-def kept(estimator: Estimator[Any], dive: Dive) -> Dive:
+def pruned(estimator: Estimator[Any], dive: Dive) -> Dive:
     """Return the dive without the start of windows that vehicles have left; keeps the vehicle's window."""
     return replace(dive, start=estimator.own_window(estimator.without_left(dive.start)))
 
@@ -266,7 +266,7 @@ class Counts:
             total, kinds[kind] = total.plus(sums), kinds.get(kind, Sums()).plus(sums)
             if isinstance(event, LinearMeasurement):
                 if event.label.doubt:
-                    doubts = added(doubts, [((kind, event.label.doubt), 1)])
+                    doubts = counts_with(doubts, [((kind, event.label.doubt), 1)])
             elif innovation.dive > 0 and innovation.accepted:
                 dives[innovation.dive] = dives.get(innovation.dive, Sums()).plus(sums)
             if isinstance(event, PathMean) and event.corrected:
@@ -278,7 +278,7 @@ class Counts:
                 if innovation.totals is None
                 else innovation.totals.not_used
             )
-            bins = added(bins, unused)
+            bins = counts_with(bins, unused)
             # not of those without a density or variance
             if np.isfinite(innovation.log_likelihood):
                 key = block_of(innovation.dive, innovation.time_ns)
@@ -304,7 +304,7 @@ class Counts:
         start = Counts(self.messages, self.unsupported, total=Sums(rejected=rejected))
         after = replace(start, last_position=self.last_position).after(steps)
         unused = [("inconsistent", self.total.bins - after.total.bins)]
-        return replace(after, bins_rejected=added(self.bins_rejected, unused))
+        return replace(after, bins_rejected=counts_with(self.bins_rejected, unused))
 
     def notes(self) -> list[str]:
         """Return notes on the gate and the consistency checks, as sentences."""
@@ -330,7 +330,7 @@ class Counts:
         return notes
 
 
-def added(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[Key, int]:
+def counts_with(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[Key, int]:
     """Return counts with more of each key."""
     out = dict(counts)
     for key, count in more:

@@ -37,18 +37,18 @@ from replay_kit.estimator.next_dive.flight import FlightBias
 from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
-from replay_kit.measurements.means import Spot, begun, extended
+from replay_kit.measurements.means import Spot, extended_path, path_from
 from replay_kit.measurements.track.dives import detect_surfacing
 from replay_kit.workflows.replay.displacements import (
     Between,
     Dive,
-    adrift,
+    after_surface_fixes,
     ahead_of,
     dive_along,
     in_dive,
     over_ground,
     path_average,
-    predicted,
+    predicted_mean,
     spot_of,
 )
 from replay_kit.workflows.replay.events import Aside, Track
@@ -250,17 +250,17 @@ def forecast_step(
         state = forecast_end(state)
         if latest is not None:
             flow = flow_at(latest.time_ns)
-            path, ahead = begun(spot_of(latest)), ahead_of(latest, flow, state.last)
+            path, ahead = path_from(spot_of(latest)), ahead_of(latest, flow, state.last)
     if isinstance(event, Profiles):
         # its first bin tells the depth where positions have none
         depth = event["depth"][0][np.isfinite(event["depth"][0])]
         if path is not None and not path.reckoned and depth.size:
-            path = extended(path, _NOWHERE, depth.min(keepdims=True))
+            path = extended_path(path, _NOWHERE, depth.min(keepdims=True))
     elif not event.dead_reckoned and not event.depth > surface_depth:
         latest = event
     elif path is not None:
         more = {name: np.array([part]) for name, part in spot_of(event)._asdict().items()}
-        path = extended(path, more, _NOWHERE["depth"])
+        path = extended_path(path, more, _NOWHERE["depth"])
     return replace(state, between=Between(detection, latest, path, ahead))
 
 
@@ -270,7 +270,7 @@ def forecast_track(
     """Return the state after consecutive positions without effect on predictions; None if ``forecast_step`` must process each."""
     if state.between is None:
         return state
-    between = adrift(state.between, track, surface_depth)
+    between = after_surface_fixes(state.between, track, surface_depth)
     return None if between is None else replace(state, between=between)
 
 
@@ -368,7 +368,7 @@ def next_surfacing(
         return None
     else:
         fix, (depths, weight) = Fix(at.time_ns, at.longitude, at.latitude), last.path
-        current, basis = predicted(ahead_of(at, flow, last), last, longer * depths, weight)
+        current, basis = predicted_mean(ahead_of(at, flow, last), last, longer * depths, weight)
         backgrounds = current[None]
     seconds *= longer
     coming = replace(

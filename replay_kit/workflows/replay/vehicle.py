@@ -14,13 +14,13 @@ from replay_kit.core.observation.table import MEAN, PING, POSITION, Block, Integ
 from replay_kit.estimator import Estimator
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.observed import Stream, path_mean
-from replay_kit.workflows.replay.consistency import MonitoringState, tracked, trusting
+from replay_kit.workflows.replay.consistency import MonitoringState, trusting_estimator, with_tracks
 from replay_kit.workflows.replay.events import Aside, Events
 from replay_kit.workflows.replay.inputs.forecast import flow_at
 from replay_kit.workflows.replay.inputs.planner import VehiclePlanner
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.publishing import PublishingState
-from replay_kit.workflows.replay.steps import Counts, Dive, added
+from replay_kit.workflows.replay.steps import Counts, Dive, counts_with
 from replay_kit.workflows.replay.surfacings import FlightState, ForecastState
 
 
@@ -88,7 +88,7 @@ class VehicleRun:
     @property
     def estimator(self) -> Estimator[Any]:
         """Its estimator, whose gate rejects neither of two contradicting sources."""
-        found: Estimator[Any] = trusting(self.setup.estimator, self.monitoring)
+        found: Estimator[Any] = trusting_estimator(self.setup.estimator, self.monitoring)
         return found
 
     @property
@@ -136,7 +136,7 @@ class VehicleRun:
         """
         config, accepts = self.setup.config, self.setup.estimator.supports_path_means
         if config.consistency.on_failure != "ignore":
-            self.monitoring = tracked(self.monitoring, block, rows)
+            self.monitoring = with_tracks(self.monitoring, block, rows)
         bias, left_out = config.measurements.flight_bias, self.monitoring.left_out
         kind, others, unused, means = rows[:, 1], list[Any](), list[str](), self.monitoring.means
         is_ping, keep, before = kind == PING, np.ones(len(rows), np.bool_), 0
@@ -165,7 +165,7 @@ class VehicleRun:
             keep &= ~is_ping
             self.counts = self.counts.without(rejected=-int(np.count_nonzero(kind != POSITION)))
         if unused:
-            unsupported = added(self.counts.unsupported, ((name, 1) for name in unused))
+            unsupported = counts_with(self.counts.unsupported, ((name, 1) for name in unused))
             self.counts = replace(self.counts, unsupported=unsupported)
         events = Events.of(replace(block, events=rows[keep]), others)
         self.waiting = self.waiting.followed_by(events, self.due_ns)

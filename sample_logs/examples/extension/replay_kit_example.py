@@ -12,7 +12,7 @@ from replay_kit.core.observation import LinearMeasurement, Observation
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines import nearest_member
 from replay_kit.logs.netcdf.dialect import Dialect
-from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, windows
+from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, latest_rows
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.page import Section
 
@@ -54,7 +54,7 @@ def repeated_times(memory: Memory, pings: Rows, context: Context) -> tuple[Memor
         pings: Of one instrument.
         context: Is not asked.
     """
-    times = windows(memory, "time", pings["time"], 4)
+    times = latest_rows(memory, "time", pings["time"], 4)
     alike = (times == times[:, :1]).all(axis=1)
     words = "a stopped clock", "mend the log"
     found = pings.first(alike, "clock stands still", lambda at: "4 pings of one time", *words)

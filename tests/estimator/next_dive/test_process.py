@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from replay_kit.estimator.next_dive.process import (
-    DiveMean,
-    MeanCurrentProcess,
-    ProcessSettings,
-)
+from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessSettings
 from tests.reference import mean_currents as slow
 
 HOUR = 3600.0

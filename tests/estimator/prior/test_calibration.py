@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from replay_kit.estimator.prior.calibration import (
-    MembersPrior,
-    calibration,
-    fitted_kernels,
-)
+from replay_kit.estimator.prior.calibration import MembersPrior, calibration, fitted_kernels
 from replay_kit.estimator.prior.factor import PriorSettings
 from replay_kit.estimator.prior.fit import Members
 

@@ -8,13 +8,7 @@ import pytest
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator.prior import fit
 from replay_kit.estimator.prior.factor import PriorSettings
-from replay_kit.estimator.prior.fit import (
-    SHARES,
-    Members,
-    choose_settings,
-    score_withheld,
-    scores,
-)
+from replay_kit.estimator.prior.fit import SHARES, Members, choose_settings, score_withheld, scores
 from tests.reference import baselines as slow_scores
 from tests.reference import estimator as slow
 from tests.remembered import score_member

@@ -5,11 +5,7 @@ import pytest
 
 from replay_kit.estimator.basis.shifts import ShiftedModes, projector, shifted_copies
 from replay_kit.estimator.prior import localised as module
-from replay_kit.estimator.prior.localised import (
-    localised,
-    localised_part,
-    vertical_functions,
-)
+from replay_kit.estimator.prior.localised import localised, localised_part, vertical_functions
 from tests.reference import estimator as slow
 from tests.reference.baselines import gaspari_cohn as slow_taper
 

@@ -10,7 +10,7 @@ from replay_kit import Observation
 from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build, embed_member
-from replay_kit.estimator.update.assimilate import judged
+from replay_kit.estimator.update.assimilate import judged_layout
 from tests import synthetic
 from tests.estimator.seas import CONFIG, SEA, profiles, relative
 
@@ -52,14 +52,14 @@ def test_the_statistic_is_the_textbook_s_with_errors_as_large_as_the_noise(squar
     cov, innovation = root @ root.T, rng.standard_normal(6)
     # beside others of its column
     each, squares = np.stack([innovation, 2.0 * innovation]), np.array([square, 50.0])
-    verdict = judged(each, cov, (squares, 10), 1e-5)
+    verdict = judged_layout(each, cov, (squares, 10), 1e-5)
     inverse = np.linalg.inv(cov + scale * np.eye(6))
     assert verdict.statistic[0] == pytest.approx(innovation @ inverse @ innovation)
     assert verdict.error_factor.tolist() == pytest.approx([scale, 5.0])
     assert verdict.threshold.tolist() == pytest.approx([chi2.isf(1e-5, 6)] * 2)
     stated = np.linalg.inv(cov + np.eye(6))
     assert verdict.nis[0] == pytest.approx(innovation @ stated @ innovation + square)
-    trusting = judged(1e3 * each, cov, (1e6 * squares, 10), None)
+    trusting = judged_layout(1e3 * each, cov, (1e6 * squares, 10), None)
     assert (trusting.error_factor == 1.0).all()
     assert trusting.accepted.all()
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.region import centre, inside, width
+from replay_kit.core.region import centre_of, inside_box, width_of
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.estimator.windows.placing import next_window, room_in
 from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
@@ -28,10 +28,13 @@ def test_far_enough_from_the_sides_the_window_stays(place):
 def test_near_a_side_the_next_window_is_as_large_and_reaches_a_margin_and_a_half_behind(place):
     found = next_window(WINDOW, MARGIN, BOUNDS, place)
     assert found is not None
-    assert width(found) == pytest.approx(4.0, abs=1e-3)
+    assert width_of(found) == pytest.approx(4.0, abs=1e-3)
     assert found[3] - found[1] == pytest.approx(4.0, abs=1e-3)
     assert room_in(found, BOUNDS, place) > 1.4 * MARGIN
-    ahead, moved = np.sign(np.subtract(place, centre(WINDOW))), np.subtract(centre(found), place)
+    ahead, moved = (
+        np.sign(np.subtract(place, centre_of(WINDOW))),
+        np.subtract(centre_of(found), place),
+    )
     assert np.all(ahead * moved >= -1e-3)
 
 
@@ -50,7 +53,7 @@ def test_a_window_crosses_the_antimeridian():
     )
     assert found is not None
     assert found[0] > found[2]
-    assert inside(found, [178.9, -179.0], [0.0, 0.0]).all()
+    assert inside_box(found, [178.9, -179.0], [0.0, 0.0]).all()
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +96,7 @@ def test_one_measurement_far_away_does_not_move_the_window_but_three_do(scene):
     assert steps[-1].innovation.decision != "unusable"
     state, _ = estimator.assimilate(estimator.initial(), [*first, *far])
     assert estimator.window(state) != estimator.first
-    assert inside(estimator.window(state), far[-1].longitude, far[-1].latitude)
+    assert inside_box(estimator.window(state), far[-1].longitude, far[-1].latitude)
 
 
 def test_a_window_that_cannot_be_made_leaves_the_vehicle_in_its_own_and_is_told(scene):

@@ -42,7 +42,7 @@ def here(monkeypatch):
         with apart.asking():
             return function(*arguments)
 
-    monkeypatch.setattr(fetch, "apart", call)
+    monkeypatch.setattr(fetch, "call_apart", call)
     monkeypatch.setattr(servers, "_PAUSE", 0.002)
 
 

@@ -13,7 +13,7 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.files.paths import Address, path_of
 from replay_kit.core.words.progress import shown_by
 from replay_kit.forecast.remote import servers
-from replay_kit.forecast.remote.apart import apart
+from replay_kit.forecast.remote.apart import call_apart
 from replay_kit.workflows import fetch
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from tests.forecast import remote as calls
@@ -136,11 +136,11 @@ def test_more_than_is_allowed_is_refused_by_the_size_of_the_chunks_that_are_touc
 def test_a_call_apart_gives_its_value_its_progress_and_its_error():
     told = []
     with shown_by(lambda *words: told.append(words)):
-        assert apart(calls.announces, "abc", what="x") == "ABC"
+        assert call_apart(calls.announces, "abc", what="x") == "ABC"
     assert told[0] == (0, 3, "abc")
     assert len(told) == 3
     with pytest.raises(ForecastError, match="no such sea"):
-        apart(calls.refuses, what="x")
+        call_apart(calls.refuses, what="x")
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_a_call_apart_gives_its_value_its_progress_and_its_error():
 def test_a_call_that_hangs_dies_or_takes_all_memory_is_ended(call, silence, words, monkeypatch):
     monkeypatch.setattr("replay_kit.forecast.remote.apart._SILENCE", silence)
     with pytest.raises(ForecastError, match=words):
-        apart(call, what="x")
+        call_apart(call, what="x")
 
 
 @pytest.mark.parametrize("fault", ["", pytest.param("flood", marks=pytest.mark.full)])

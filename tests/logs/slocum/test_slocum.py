@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log, open_logs
-from replay_kit.logs.slocum.cycles import read_cycles, read_header, sensors_of, unpacked
+from replay_kit.logs.slocum.cycles import read_cycles, read_header, sensors_of, unpacked_file
 from tests.command import run_command
 from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read
@@ -269,5 +269,5 @@ def test_a_hostile_file_of_tags_alone_ends():
 def test_a_block_that_claims_to_unpack_to_more_than_it_may_is_cut_there():
     bomb = lz4.block.compress(bytes(1 << 24), store_size=False)
     packed = slocum.compressed(b"dbd_label:    DBD(dinkum_binary_data)file\n")
-    found, lost_at = unpacked(packed + (60_000).to_bytes(2, "big") + bomb[:60_000])
+    found, lost_at = unpacked_file(packed + (60_000).to_bytes(2, "big") + bomb[:60_000])
     assert (len(found), lost_at) == (42, len(packed))

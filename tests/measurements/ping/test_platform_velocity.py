@@ -9,17 +9,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation
 from replay_kit.measurements.profiles import earth
-from tests.measurements.samples import (
-    CONFIG,
-    fix,
-    in_order,
-    logged,
-    only,
-    ping,
-    reasons,
-    run,
-    the,
-)
+from tests.measurements.samples import CONFIG, fix, in_order, logged, only, ping, reasons, run, the
 from tests.measurements.turned import stated, table_of
 
 TRUE_HEADING = MeasurementConfig(magnetic_declination=0.0, water_track_distance=12.0)

@@ -10,12 +10,7 @@ import xarray as xr
 
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.measurements.ctd.sections import (
-    GRAVITY,
-    RHO0,
-    Profile,
-    section_of,
-)
+from replay_kit.measurements.ctd.sections import GRAVITY, RHO0, Profile, section_of
 from replay_kit.measurements.ctd.thermal_wind import (
     GeostrophicShear,
     _misfit,

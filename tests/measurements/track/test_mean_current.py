@@ -10,7 +10,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import PathMean
-from replay_kit.measurements.means import Spot, begun, extended, path_mean
+from replay_kit.measurements.means import Spot, extended_path, path_from, path_mean
 from tests.measurements.samples import (
     CONFIG,
     SECOND,
@@ -60,7 +60,7 @@ def test_weights_sum_to_one_and_give_the_time_mean_of_the_polyline(walk, repeats
         "depth": depths,
     }
     first, last = (Spot(*(column[k].item() for column in way.values())) for k in (0, -1))
-    path = extended(begun(first), {name: of[1:] for name, of in way.items()}, np.empty(0))
+    path = extended_path(path_from(first), {name: of[1:] for name, of in way.items()}, np.empty(0))
     mean = path_mean(path, last, (0.1, 0.2), 0.02)
     weight = mean["weight"]
     assert weight.sum() == pytest.approx(1.0, abs=1e-12)

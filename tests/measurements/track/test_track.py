@@ -13,7 +13,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation
-from replay_kit.measurements.observed import begun
+from replay_kit.measurements.observed import new_stream
 from replay_kit.measurements.track import positions
 from replay_kit.measurements.track.dives import depths_of, legs_of, no_depths
 from tests.measurements.samples import (
@@ -124,7 +124,7 @@ def test_pings_in_any_order_are_placed_between_the_fixes_about_them(seconds, ord
 
 def test_one_stamp_from_the_future_does_not_hold_up_the_others():
     pings = [ping(10**9), *(ping(100.0 * k) for k in range(100))]
-    state, events = interpret_block(begun(), pings, CONFIG)
+    state, events = interpret_block(new_stream(), pings, CONFIG)
     assert sum(map(len, state.memory.waiting)) <= 9
     assert sum(len(reasons(each)) for each in events) >= 90
 

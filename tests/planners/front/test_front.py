@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from planners.hazards.areas import Ring
 from planners.route.current import CurrentLattice, current_lattice, edge_durations, shares_of_levels
-from planners.route.front import sea_of, spread
+from planners.route.front import sea_of, spread_front
 from planners.route.obstacles import directions_around, obstacles_of
 from planners.route.passage import relax
 from planners.simulation.currents import currents_of
@@ -44,7 +44,7 @@ def box(west, south, east, north, outside=False):
 def front_of(current, speed, ends, walls=None, waits=False):
     """Return the front from the first of some places."""
     sea = sea_of(current, speed, np.array(ends), walls, waits=waits)
-    return spread(sea, np.array([current.places.size]), np.zeros(1), np.inf, NONE)
+    return spread_front(sea, np.array([current.places.size]), np.zeros(1), np.inf, NONE)
 
 
 def still(half, spacing=1e3):
@@ -75,7 +75,7 @@ def test_edges_take_as_long_as_their_twins_and_are_closed_where_those_are():
 def test_labels_are_those_of_dijkstra_on_the_same_lattice(seed):
     current = lattice(seed, 0.2)
     sea = sea_of(current, 0.3, np.zeros(0, dtype=complex))
-    front = spread(sea, np.array([19]), np.zeros(1), np.inf, NONE)
+    front = spread_front(sea, np.array([19]), np.zeros(1), np.inf, NONE)
 
     def duration(here, there, now):
         ends = sea.places[[here]], sea.places[[there]]

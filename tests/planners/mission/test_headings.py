@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from replay_kit.core.geodesy import (
-    rate_in_frame,
-    rotate_to_geographic,
-    to_geographic,
-    to_local,
-)
+from replay_kit.core.geodesy import rate_in_frame, rotate_to_geographic, to_geographic, to_local
 from replay_kit.core.grid import Projection
 
 ELLIPSOID = Geod(ellps="WGS84")

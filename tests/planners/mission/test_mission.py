@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import (
-    Glider,
-    MissionSettings,
-    Weights,
-    plan_mission,
-)
+from planners import Glider, MissionSettings, Weights, plan_mission
 from replay_kit.core.plan import Place
 from tests.planners.flow_samples import (
     eddying_flow,

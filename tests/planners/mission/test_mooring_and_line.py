@@ -5,13 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import (
-    Line,
-    MissionRequest,
-    MissionSettings,
-    Mooring,
-    plan_mission,
-)
+from planners import Line, MissionRequest, MissionSettings, Mooring, plan_mission
 from tests.planners.flow_samples import (
     eddying_flow,
     place,

@@ -12,13 +12,7 @@ import pytest
 
 from planners import MissionSettings, fly_mission
 from planners.odds.mission import ellipse_factor, ellipses_of
-from planners.output import (
-    as_plan,
-    legs_table,
-    places_table,
-    to_csv,
-    to_json,
-)
+from planners.output import as_plan, legs_table, places_table, to_csv, to_json
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection

@@ -13,7 +13,7 @@ from planners.several import (
     area_between,
     assign,
     motion_of,
-    nearest,
+    nearest_approach,
     plan_missions,
     share_of_nearer,
     times_to_goals,
@@ -64,7 +64,7 @@ def test_the_least_distance_of_two_motions_is_that_of_a_dense_look():
     for n in (5, 9):
         times = np.sort(rng.uniform(0.0, 10.0, n))
         motions.append(Motion(times, rng.normal(size=(3, n)) + 1j * rng.normal(size=(3, n))))
-    distances, when = nearest(*motions)
+    distances, when = nearest_approach(*motions)
     dense = np.linspace(-1.0, 11.0, 200_001)
     for k in range(3):
         apart = np.abs(
@@ -86,7 +86,7 @@ def test_one_of_two_goes_round_and_what_is_stated_is_what_the_tracks_show():
     assert [plan.status for plan in apart.plans] == ["reached", "reached"]
     assert sum(one.duration for one in apart.plans) >= sum(one.duration for one in free.plans) - 1.0
     motions = [motion_of(plan, flow.grid.projection) for plan in apart.plans]
-    assert nearest(*motions)[0][0] == pytest.approx(apart.nearness[0].distance)
+    assert nearest_approach(*motions)[0][0] == pytest.approx(apart.nearness[0].distance)
     # whoever goes round is not a matter of the order
     other = plan_missions(flow, (), CROSSING[::-1], separation)
     assert [one.duration for one in other.plans[::-1]] == pytest.approx(

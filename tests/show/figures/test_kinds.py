@@ -11,8 +11,8 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.words.text import time_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import CurrentSlices, published_at
-from replay_kit.show.figures.draw import ENDINGS, saved
-from replay_kit.show.figures.kinds import KINDS, drawn
+from replay_kit.show.figures.draw import ENDINGS, figure_bytes
+from replay_kit.show.figures.kinds import KINDS, drawn_figure
 from replay_kit.show.figures.map import Chosen
 from replay_kit.show.figures.section import QUANTITIES, limits_of
 from tests.results.cases import across_the_antimeridian, one_bin, without_estimate, write
@@ -46,7 +46,9 @@ def test_figures_have_panels_with_letters(contents, kind, letters, says):
     ("kind", "ending"), [*product([kind for kind in KINDS if kind != "dac"], ENDINGS)]
 )
 def test_the_same_result_gives_the_same_bytes(contents, kind, ending):
-    first, second = (saved(drawn(Contents(contents.result), kind), ending) for _ in range(2))
+    first, second = (
+        figure_bytes(drawn_figure(Contents(contents.result), kind), ending) for _ in range(2)
+    )
     assert first == second
     assert first[1:4] == {".png": b"PNG", ".svg": b"?xm", ".pdf": b"PDF"}[ending]
 
@@ -54,7 +56,7 @@ def test_the_same_result_gives_the_same_bytes(contents, kind, ending):
 @pytest.mark.full
 def test_a_map_across_the_antimeridian_is_continuous(tmp_path, flow, innovation, plan):
     contents = across_the_antimeridian(tmp_path / "case.mcap", flow, innovation, plan)
-    axes = drawn(contents, "map").axes[0]
+    axes = drawn_figure(contents, "map").axes[0]
     west, east = axes.get_xlim()
     assert 179.0 < west < 180.0 < east < 181.0
     assert axes.xaxis.get_major_formatter()(180.5) == "179.5°W"
@@ -92,37 +94,37 @@ def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
 )
 def test_what_a_figure_does_not_have_is_refused(contents, kind, chosen, said):
     with pytest.raises(ConfigError, match=said):
-        drawn(contents, kind, chosen)
+        drawn_figure(contents, kind, chosen)
 
 
 def test_the_place_and_depth_asked_for_are_those_of_map_and_series(
     contents, tmp_path, flow, innovation, plan
 ):
-    assert "(a) 77 m, " in words(drawn(contents, "map", AT_77))
-    said = words(drawn(contents, "series", AT_77))
+    assert "(a) 77 m, " in words(drawn_figure(contents, "map", AT_77))
+    said = words(drawn_figure(contents, "series", AT_77))
     assert "(a) eastward, 5.0000 E, 62.0000 N, 77 m" in said
-    far = words(drawn(contents, "series", Chosen((6.0, 62.0, 10.0))))
+    far = words(drawn_figure(contents, "series", Chosen((6.0, 62.0, 10.0))))
     assert "is on land, below the bottom, or outside the region" in far
     lacking = without_estimate(tmp_path / "case.mcap", flow, innovation, plan)
     nearest = "Requested depth: 77 m; nearest published depth: 120 m."
-    assert nearest in words(drawn(lacking, "series", AT_77))
+    assert nearest in words(drawn_figure(lacking, "series", AT_77))
 
 
 @pytest.mark.full
 def test_a_map_of_a_time_has_the_current_published_before_it_and_nothing_later(contents):
     times, track = contents.slices.time_ns, contents.track
     moment = int(times[1]) + 1
-    figure = drawn(contents, "map", Chosen(depth=100.0, time_ns=moment))
+    figure = drawn_figure(contents, "map", Chosen(depth=100.0, time_ns=moment))
     assert f"(a) 120 m, {time_text(int(times[1]))[:16]}" in words(figure)
     whole, part = (
         next(line for line in each.axes[0].lines if line.get_label() == "track").get_ydata()
-        for each in (drawn(contents, "map"), figure)
+        for each in (drawn_figure(contents, "map"), figure)
     )
     seen = int(np.searchsorted(track.time_ns, moment, "right"))
     assert 0 < seen < track.time_ns.size == len(whole)
     np.testing.assert_allclose(part, track.latitude[:seen])
     with pytest.raises(ConfigError, match="no current was published before"):
-        drawn(contents, "map", Chosen(time_ns=int(times[0]) - 1))
+        drawn_figure(contents, "map", Chosen(time_ns=int(times[0]) - 1))
 
 
 @pytest.mark.parametrize(("depth", "published"), [(77.0, False), (120.0, True), (120.4, True)])

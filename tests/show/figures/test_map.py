@@ -6,7 +6,7 @@ import pytest
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.show.figures.map import Extent
-from replay_kit.show.numbers import error_text, fixed, hours_text, minutes_text, nice
+from replay_kit.show.numbers import error_text, fixed, hours_text, minutes_text, nice_number
 from replay_kit.show.page.map import coast_near, frame_of
 
 
@@ -64,4 +64,4 @@ def test_numbers_are_written_as_people_do():
     assert minutes_text(-179.9999, -40.0) == "40°00.0′S 180°00.0′W"
     assert minutes_text(190.5, 0.26) == "0°15.6′N 169°30.0′W"
     assert [error_text(value) for value in (0.0001, 0.034)] == ["0.1 or less", "3.4"]
-    assert [nice(value) for value in (0.19, 0.2, 1.7, 0.099)] == [0.1, 0.2, 1.0, 0.05]
+    assert [nice_number(value) for value in (0.19, 0.2, 1.7, 0.099)] == [0.1, 0.2, 1.0, 0.05]

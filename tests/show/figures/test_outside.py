@@ -9,7 +9,7 @@ import pytest
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import on_grid, published_slices, slices_of
-from replay_kit.show.figures.kinds import drawn
+from replay_kit.show.figures.kinds import drawn_figure
 from replay_kit.show.report.pages import report_html
 from tests.results.cases import turned, write
 from tests.show.figures.texts import notes_of
@@ -51,7 +51,7 @@ def test_page_and_figures_call_them_outside_the_forecast(contents):
     outside = np.isfinite(unpacked(figure["packed"]["outside"]))
     np.testing.assert_array_equal(outside, contents().slices.outside)
     for land, result in ((True, contents()), (False, contents(land=False))):
-        figure = drawn(result, "map")
+        figure = drawn_figure(result, "map")
         assert "Hatched: outside the forecast." in notes_of(figure)
         assert ("Grey: land, or below the bottom." in notes_of(figure)) == land
 

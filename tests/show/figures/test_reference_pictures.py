@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from replay_kit.show.figures.draw import saved
-from replay_kit.show.figures.kinds import drawn
+from replay_kit.show.figures.draw import figure_bytes
+from replay_kit.show.figures.kinds import drawn_figure
 from tests.results.cases import write
 from tests.synthetic_flow import synthetic_flow
 
@@ -25,7 +25,7 @@ WIDTH, TOLERANCE = 80, 0.02
 
 def shrunk(figure: Figure) -> np.ndarray:
     """Return the block means of a figure's colours in whole steps of 1/255, shape (rows, WIDTH, 3)."""
-    pixels = matplotlib.image.imread(io.BytesIO(saved(figure, ".png")))[..., :3]
+    pixels = matplotlib.image.imread(io.BytesIO(figure_bytes(figure, ".png")))[..., :3]
     block = pixels.shape[1] // WIDTH
     rows = pixels.shape[0] // block
     means = (
@@ -59,7 +59,9 @@ def pictures(tmp_path, innovation, plan):
             for k in range(5)
         ]
         return shrunk(
-            drawn(write(tmp_path / f"{factor:g}.mcap", synthetic_flow(), growing, plan), kind)
+            drawn_figure(
+                write(tmp_path / f"{factor:g}.mcap", synthetic_flow(), growing, plan), kind
+            )
         )
 
     return shrink

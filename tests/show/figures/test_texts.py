@@ -15,7 +15,7 @@ from replay_kit.core.plan import Area
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.figures.kinds import KINDS, drawn
+from replay_kit.show.figures.kinds import KINDS, drawn_figure
 from tests.results.cases import on, one_bin, turned, write
 from tests.show.figures.texts import complaints
 from tests.show.status.held_samples import plan as planned
@@ -92,7 +92,7 @@ def test_no_text_lies_over_another_or_leaves_the_figure(tmp_path, innovation, re
     contents = crowded(tmp_path / "crowded.mcap", REGIONS[region](), innovation)
     # a map depends on its region, the others do not
     found = {
-        kind: complaints(drawn(contents, kind, columns=columns))
+        kind: complaints(drawn_figure(contents, kind, columns=columns))
         for kind in (KINDS if region == PILOT else ("map", "plan"))
     }
     assert {kind: texts for kind, texts in found.items() if texts} == {}

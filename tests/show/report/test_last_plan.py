@@ -14,7 +14,7 @@ from replay_kit.results.geojson import features_of
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export import export
-from replay_kit.show.figures.kinds import drawn
+from replay_kit.show.figures.kinds import drawn_figure
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from tests.results.result_samples import CONFIG, METADATA, decoded
@@ -109,9 +109,9 @@ def test_the_page_shows_them(contents):
 @pytest.mark.full
 def test_the_figures_show_them(full, tmp_path):
     contents = written(tmp_path / "out.mcap", full, DEPTH, INPUTS, estimate=True)
-    figure = drawn(contents, "plan")
+    figure = drawn_figure(contents, "plan")
     assert "Energy 250 kJ, 25.0 % of 1 MJ. 90 % of 10 simulated flights" in words(figure)
-    labels = contour_labels(drawn(contents, "map"))
+    labels = contour_labels(drawn_figure(contents, "map"))
     assert set() < labels <= {"50 m", "100 m", "150 m", "200 m", "250 m"}
 
 
@@ -122,7 +122,7 @@ def contour_labels(figure):
 
 def test_a_bottom_that_is_flat_unknown_or_out_of_sight_has_no_contours(plan, tmp_path):
     flat = written(tmp_path / "flat.mcap", plan, np.full_like(DEPTH, 100.0), estimate=True)
-    assert not contour_labels(drawn(flat, "map"))
+    assert not contour_labels(drawn_figure(flat, "map"))
     unknown = written(tmp_path / "unknown.mcap", plan, np.full_like(DEPTH, np.nan))
     assert "current-map" in figures(report_html(unknown.result))
 

@@ -10,7 +10,7 @@ from replay_kit.core.geodesy import heading_deg, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
-from replay_kit.results.outcome.outcome import Outcome, made
+from replay_kit.results.outcome.outcome import Outcome, checked_outcome
 from replay_kit.results.outcome.parts import plan_part
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
@@ -106,7 +106,7 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state
         writer.fix(state)
         for one in (plan, last):
             writer.plan(one, CENTRE)
-        writer.summary(TIME_NS, made({"plan": plan_part(last)}))
+        writer.summary(TIME_NS, checked_outcome({"plan": plan_part(last)}))
         for ellipse in (None, Ellipse(5.0, 62.0, 300.0, 200.0, 10.0)):
             predicted = Surfacing(TIME_NS + SECOND, 5.0, 62.0, ellipse)
             actual = TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 30.0

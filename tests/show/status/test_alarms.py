@@ -9,7 +9,7 @@ import pytest
 from replay_kit.core.errors import Finding, finding_json
 from replay_kit.core.plan import Odds
 from replay_kit.results import ResultWriter
-from replay_kit.results.outcome.outcome import Outcome, made
+from replay_kit.results.outcome.outcome import Outcome, checked_outcome
 from replay_kit.results.outcome.parts import plan_part
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
@@ -42,7 +42,7 @@ RUN = {
 
 
 def outcome_of(plan=None, note="", **more):
-    return made(RUN | {"plan": plan_part(plan, note), **more})
+    return checked_outcome(RUN | {"plan": plan_part(plan, note), **more})
 
 
 @pytest.mark.parametrize("name", PLANS)

@@ -11,7 +11,7 @@ import pytest
 from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.fleet import cluster as clusters
 from replay_kit.workflows.fleet.page import exit_code, fleet_page, print_fleet, row_of
-from replay_kit.workflows.fleet.run import Outcome, failure, run_fleet, run_mission
+from replay_kit.workflows.fleet.run import Outcome, failed_mission, run_fleet, run_mission
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import Vehicle
 from replay_kit.workflows.replay.replay import replay
@@ -151,7 +151,7 @@ def test_on_a_full_disk_a_mission_fails_in_words_and_leaves_nothing_half_done(
 def test_the_gravest_exit_code_counts_and_an_unforeseen_error_is_1():
     for given, expected in {(): 0, (0, 4): 4, (6, 4): 4, (6, 3, 0): 3, (4, 1, 3): 1}.items():
         assert exit_code([Outcome(str(code), exit_code=code) for code in given]) == expected
-    unforeseen = failure("m", ValueError("no number"))
+    unforeseen = failed_mission("m", ValueError("no number"))
     assert (unforeseen.failed, unforeseen.exit_code) == ("ValueError: no number", 1)
 
 

@@ -21,7 +21,7 @@ from replay_kit.workflows.follow.watch import (
     alarm_line,
     change_words,
     examine,
-    judged,
+    judged_file,
     key_of,
     look,
     look_again,
@@ -29,8 +29,8 @@ from replay_kit.workflows.follow.watch import (
     notify,
     read_goal,
     read_memory,
-    settled,
-    standing,
+    settled_files,
+    standing_alarms,
     with_goal,
     write_memory,
 )
@@ -59,12 +59,12 @@ def source(name: str, first_ns: int = NOW_NS - DAY_NS, **values: object) -> Sour
 )
 def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_is_set_aside(changes, words):
     own, found = source("a.nc", mission="sg171 mission 1"), source("b.nc", **changes)
-    aside = judged({own.path: own}, found, NOW_NS).aside
+    aside = judged_file({own.path: own}, found, NOW_NS).aside
     assert (words in aside, bool(aside)) == (True, bool(words))
     # a file that is not used itself judges no other
     if "mission" in changes:
         unused = {own.path: replace(own, aside="is not a readable log")}
-        assert judged(unused, found, NOW_NS).aside == ""
+        assert judged_file(unused, found, NOW_NS).aside == ""
 
 
 def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(tmp_path):
@@ -111,8 +111,8 @@ def test_files_are_taken_when_they_are_whole_in_the_order_of_a_replay_of_the_fol
     found = look([tmp_path, tmp_path / "missing.nc"], [tmp_path / "own.mcap"])
     assert [path.name for path in found] == [*gliders, "b.mcap"]
     later = {path: (stamp[0], stamp[1], stamp[2] + 1, stamp[3]) for path, stamp in found.items()}
-    assert [path.name for path in settled(found, later)] == ["b.mcap"]
-    assert settled(found, found) == found
+    assert [path.name for path in settled_files(found, later)] == ["b.mcap"]
+    assert settled_files(found, found) == found
 
 
 def test_the_goal_s_file_is_read_and_a_goal_holds_from_its_time_on(tmp_path):
@@ -146,7 +146,7 @@ def test_an_alarm_is_given_once_for_what_it_is_about_and_again_when_it_comes_bac
     calm = status._replace(alarms=())
     key, other = key_of(alarm), "surfacing overdue: 1"
     assert (new_alarms(status, ()), new_alarms(status, (key,))) == ((alarm,), ())
-    assert (standing({"": status}, (key,)), standing({"": calm}, (key, other))) == (
+    assert (standing_alarms({"": status}, (key,)), standing_alarms({"": calm}, (key, other))) == (
         (key,),
         (other,),
     )

@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
-from planners import (
-    MissionRequest,
-    MissionSettings,
-    plan_mission,
-)
+from planners import MissionRequest, MissionSettings, plan_mission
 from planners.odds.mission import currents_of_estimate
 from planners.plan import first_legs, fly_mission
-from planners.simulation.currents import (
-    local_notes,
-)
+from planners.simulation.currents import local_notes
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import PlanError

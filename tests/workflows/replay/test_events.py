@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from replay_kit.core.observation import Flag, Observation, PathMean, Profiles, Source, VehicleState
 from replay_kit.estimator.update.grouping import SHARE, Grouping
-from replay_kit.workflows.replay.events import Events, Track, items
+from replay_kit.workflows.replay.events import Events, Track, ready_items
 from tests.workflows.replay.given import block_of, position
 
 SECOND = 10**9
@@ -145,10 +145,10 @@ def cut(log, grouping, sizes):
         block = block_of([one for *_, one in some], TOPICS)
         waiting = waiting.followed_by(Events.of(block, block.linear), due_ns)
         due_ns = int(waiting.due[-1])
-        now, n = items(waiting, grouping, 0)
+        now, n = ready_items(waiting, grouping, 0)
         found += now
         waiting = waiting.part(n, len(waiting))
-    return list(told([*found, *items(waiting, grouping, 0, last=True)[0]]))
+    return list(told([*found, *ready_items(waiting, grouping, 0, last=True)[0]]))
 
 
 @settings(max_examples=60, deadline=None)
@@ -164,7 +164,7 @@ def test_what_is_assimilated_as_one_is_by_the_definition_however_the_log_is_cut(
 @pytest.mark.parametrize(("metres", "groups"), [(2000.0, 1), (3000.0, 2)])
 def test_a_group_reaches_as_far_as_the_current_changes_by_a_quarter_of_the_error(metres, groups):
     log = [profile(k, k * metres, 10.0, 5, 1, "/a", 0.0) for k in (0, 1)]
-    found, _ = items(Events.of(block_of(log), ()), Grouping(1e-5), 0, last=True)
+    found, _ = ready_items(Events.of(block_of(log), ()), Grouping(1e-5), 0, last=True)
     assert len(found) == groups
 
 
@@ -172,11 +172,11 @@ def test_a_group_ends_where_another_vehicles_event_is_later_than_it_may_last():
     log = [profile(k, 0.0, 10.0, 5, 1, "/a", 0.0) for k in (0, 5, 10)]
     events = Events.of(block_of(log), ())
     grouping = Grouping(1e-6, seconds=60.0)
-    assert items(events, grouping, 0, [(70 * SECOND, 1)])[1] == 3
-    (item,), _ = items(events, grouping, 0, [(30 * SECOND, 1), (70 * SECOND, 1)])
+    assert ready_items(events, grouping, 0, [(70 * SECOND, 1)])[1] == 3
+    (item,), _ = ready_items(events, grouping, 0, [(30 * SECOND, 1), (70 * SECOND, 1)])
     assert (item.due_ns, item.closed_by, len(item.event)) == (70 * SECOND, 1, 3)
-    found, waiting = items(events, grouping, 0, [(60 * SECOND, 1)])
+    found, waiting = ready_items(events, grouping, 0, [(60 * SECOND, 1)])
     assert (found, waiting) == ([], 0)
     late = Events.of(block_of([*log, replace(log[0], time_ns=80 * SECOND)]), ())
-    (item, _), _ = items(late, grouping, 0, [(70 * SECOND, 1)], last=True)
+    (item, _), _ = ready_items(late, grouping, 0, [(70 * SECOND, 1)], last=True)
     assert (item.due_ns, item.closed_by) == (70 * SECOND, 1)

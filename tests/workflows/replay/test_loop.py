@@ -17,7 +17,7 @@ from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
 from replay_kit.workflows.replay.inputs.planner import PlanResult
 from replay_kit.workflows.replay.plans import PlanningProblem
-from replay_kit.workflows.replay.run import Run, end, follow_up
+from replay_kit.workflows.replay.run import Run, finish_vehicle, follow_up
 from replay_kit.workflows.replay.steps import Step, Sums
 from replay_kit.workflows.replay.vehicle import Setup
 from tests import synthetic
@@ -85,7 +85,7 @@ def planned(events, finds=False, concluded=False, **settings):
     run.last_ns = events[-1].time_ns
     run.finish()
     if concluded:
-        end(run, run.vehicles[0])
+        finish_vehicle(run, run.vehicles[0])
     return asked.calls
 
 

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config.run import (
-    ForecastConfig,
-    RunConfig,
-    load_config,
-)
+from replay_kit.config.run import ForecastConfig, RunConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE

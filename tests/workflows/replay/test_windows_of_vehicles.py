@@ -11,7 +11,7 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.plan import Place
-from replay_kit.core.region import bounds_of, inside
+from replay_kit.core.region import bounds_of, inside_box
 from replay_kit.results.slices import slice_axes
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
@@ -73,7 +73,7 @@ def test_every_vehicle_has_the_estimate_of_its_window_and_every_place_visited_is
     assert np.array_equal(result.estimate.latent, flow.latent)
     for name, part in result.vehicles.items():
         last = part.fixes.iloc[-1]
-        assert inside(bounds_of(part.estimate.grid), last.longitude, last.latitude)
+        assert inside_box(bounds_of(part.estimate.grid), last.longitude, last.latitude)
         assert len(part.estimates) == len(result.estimates)
         assert np.isfinite(result.velocity_at(columns_of(name), latitude, 5.0).u).all()
         slices = Contents(part).slices

@@ -33,24 +33,15 @@ from replay_kit.core.errors import (
 )
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Measurement, Profiles, usable
-from replay_kit.core.region import around, inside
+from replay_kit.core.region import box_around, inside_box
 from replay_kit.core.words.progress import silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import build as build_reduced
 from replay_kit.estimator.interface import Stepped
 from replay_kit.estimator.update.screening import Screened, columns_of, screen, screened
 from replay_kit.measurements.checks.instrument import DEAD
-from replay_kit.measurements.checks.profile import (
-    ENSEMBLE,
-    REPAIRABLE,
-    SURFACE,
-    UNIT,
-)
-from replay_kit.measurements.checks.slips import (
-    Sounding,
-    declination_of,
-    direction_faults,
-)
+from replay_kit.measurements.checks.profile import ENSEMBLE, REPAIRABLE, SURFACE, UNIT
+from replay_kit.measurements.checks.slips import Sounding, declination_of, direction_faults
 from replay_kit.workflows.replay.conclude import useless_of
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts, build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of, logs_of
@@ -144,8 +135,8 @@ def _in_later_window(group: Screened, forecasts: Forecasts) -> bool:
     if (
         region is None
         or not region.follows
-        or inside(region.region, *place)
-        or not inside(region.bounds, *place)
+        or inside_box(region.region, *place)
+        or not inside_box(region.bounds, *place)
     ):
         return False
     in_reach = group.columns["depth"] <= forecasts.ensemble.grid.levels[-1]
@@ -315,7 +306,7 @@ def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConf
         forecast, region = forecasts.ensemble, forecasts.region
         if forecasts.read is not None and region is not None:
             # a replay would read windows that follow the vehicle
-            forecast = forecasts.read(around(Logs([logs], config).reach.places, region.margin))
+            forecast = forecasts.read(box_around(Logs([logs], config).reach.places, region.margin))
         compared = check_import(found, build_reduced([forecast], config.estimator))
         return replace(compared, findings=findings + compared.findings)
 

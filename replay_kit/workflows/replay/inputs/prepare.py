@@ -30,10 +30,7 @@ from replay_kit.workflows.replay.inputs.job import (
     open_truth,
 )
 from replay_kit.workflows.replay.inputs.planner import HasGrid, Planner, PlannerFactory
-from replay_kit.workflows.replay.inputs.provenance import (
-    run_metadata,
-    run_options,
-)
+from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_options
 from replay_kit.workflows.replay.inputs.scan import Logs, next_block
 from replay_kit.workflows.replay.inputs.vehicles import first_windows
 from replay_kit.workflows.replay.plans import PlanningProblem

@@ -194,7 +194,7 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
     }
 
 
-def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
+def lasting_records(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
     """Return the records of a result without those that change while logs grow: logs, goal, and reports on them."""
     held = {
         name: {key: value for key, value in record.items() if not key.startswith(("log", "goal"))}

@@ -15,12 +15,12 @@ from replay_kit.core.plan import Place
 from replay_kit.core.region import (
     DEGREE,
     Region,
-    around,
-    centre,
+    box_around,
+    box_text,
+    centre_of,
     degree_of_longitude,
-    inside,
-    text,
-    width,
+    inside_box,
+    width_of,
 )
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.placing import moved_into
@@ -59,7 +59,7 @@ class FoundRegion:
 
     def about(self, place: tuple[float, float]) -> Region:
         """Return a window of this size around a place [degrees]."""
-        size = np.array([width(self.region), self.region[3] - self.region[1]])
+        size = np.array([width_of(self.region), self.region[3] - self.region[1]])
         return moved_into(self.bounds, place, 0.5 * size)
 
     def to_record(self) -> dict[str, str]:
@@ -124,7 +124,7 @@ def find_region(
             return None
         length = _length_near(extent, places)
         margin = MARGIN_LENGTHS * length
-        region = around([*places, *((goal.longitude, goal.latitude) for goal in goals)], margin)
+        region = box_around([*places, *((goal.longitude, goal.latitude) for goal in goals)], margin)
         points, whole = int(np.prod(extent.shape_in(region))), int(np.prod(extent.shape))
         most = settings.window_points or window_points(extent, length, float(places[0, 1]))
         # only an estimate that is the project's own and static can be passed from window to window
@@ -151,11 +151,11 @@ def inside_extent(extent: Extent, places: Array) -> Array:
     Raises:
         ForecastError: No place lies in it.
     """
-    found = places[inside(extent.box, *places.T)]
+    found = places[inside_box(extent.box, *places.T)]
     if len(places) and not len(found):
         raise ForecastError(
-            f"{extent.source}: covers {text(extent.box)}, and no position of the log lies there: they lie in {text(around(places, 0.0))}; "
-            "use an ensemble of that place, or --place-ensemble for a study"
+            f"{extent.source}: covers {box_text(extent.box)}, and no position of the log lies there: they lie in "
+            f"{box_text(box_around(places, 0.0))}; use an ensemble of that place, or --place-ensemble for a study"
         )
     return found
 
@@ -163,10 +163,10 @@ def inside_extent(extent: Extent, places: Array) -> Array:
 def _length_near(extent: Extent, places: Array) -> float:
     """Return the correlation length [m] near the middle of positions, shape (n, 2), or near one of them if that is on land."""
     reach = _PATCH * np.array(extent.step)
-    tried = [np.array(centre(around(places, 0.0))), *places[:: max(1, len(places) // 4)]]
+    tried = [np.array(centre_of(box_around(places, 0.0))), *places[:: max(1, len(places) // 4)]]
 
     def length(place: Array) -> float:
-        return correlation_length(extent.patch(around([place - reach, place + reach], 0.0)))
+        return correlation_length(extent.patch(box_around([place - reach, place + reach], 0.0)))
 
     for place in tried[:-1]:
         with suppress(ForecastError):
@@ -210,6 +210,6 @@ def _note(extent: Extent, region: Region, what: str, margin: float) -> str:
         " x ".join(map(str, shape)) for shape in (extent.shape_in(region), extent.shape)
     )
     return (
-        f"of the forecast {taken} of {whole} points a level are read, {text(region)}: {what} {margin / 1e3:.0f} km around, "
+        f"of the forecast {taken} of {whole} points a level are read, {box_text(region)}: {what} {margin / 1e3:.0f} km around, "
         f"{MARGIN_LENGTHS:g} correlation lengths; --region all reads everything"
     )

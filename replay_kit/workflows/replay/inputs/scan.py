@@ -19,7 +19,7 @@ from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.tables.instruments import SCHEMA
 from replay_kit.logs.tables.schemas import SENDERS
-from replay_kit.measurements.observed import begun, taken
+from replay_kit.measurements.observed import measure_messages, new_stream
 from replay_kit.results.losses import iso_time
 
 #: What a MAVLink reader needs to decode for measurements.
@@ -159,13 +159,13 @@ class Logs:
     def measured(self) -> Iterator[tuple[Times, Block]]:
         """Yield the message times of each block [ns, UTC], and its measured events within the time span."""
         settings = self.config.logs
-        stream, start_ns = begun(settings.system, settings.component), settings.start_ns
+        stream, start_ns = new_stream(settings.system, settings.component), settings.start_ns
         for log in self._begun:
             log.rest = None
         messages = iter(merge(self.all, settings.reorder_window, start_ns, settings.end_ns))
         while read := next_block(messages):
             first = stream.order
-            stream, block = taken(stream, read, self.config.measurements)
+            stream, block = measure_messages(stream, read, self.config.measurements)
             times = np.array([message.time_ns for message in read])
             counts = times[block.events[:, 0] - first] >= (
                 -np.inf if start_ns is None else start_ns

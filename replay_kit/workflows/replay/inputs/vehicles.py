@@ -7,7 +7,7 @@ from pathlib import Path
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, LogError, MeasurementError
-from replay_kit.core.region import Region, bounds_of, inside
+from replay_kit.core.region import Region, bounds_of, inside_box
 from replay_kit.core.words.text import some_text, time_text
 from replay_kit.logs.opening import in_folder, logs_in
 from replay_kit.results.reader import RESERVED
@@ -24,7 +24,7 @@ _YEAR_NS = 366 * 86_400 * 10**9
 _SHOWN = 50
 
 
-def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
+def with_vehicles(job: ReplayJob, config: RunConfig) -> ReplayJob:
     """Return a job with its vehicles in order of name, those without a position excluded; unchanged for a single vehicle.
 
     Args:
@@ -122,7 +122,7 @@ def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
     follows = region if region is not None and region.follows else None
     box = bounds_of(forecasts.ensemble.grid) if follows is None else follows.bounds
     for vehicle in job.vehicles:
-        held = [place for place in vehicle.places if inside(box, *place)]
+        held = [place for place in vehicle.places if inside_box(box, *place)]
         if held and follows is not None:
             found[vehicle.name] = follows.about(held[0])
         elif vehicle.places and not held:
