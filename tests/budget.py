@@ -1,11 +1,11 @@
 """The weight of the project, which ``budget.toml`` beside this file limits.
 
-``python tests/budget.py`` prints each line and ends with 1 where one is exceeded; it needs the standard library alone. ``--lower`` sets
+``python tests/budget.py`` prints each line and ends with 1 where one is exceeded; it needs the standard library. ``--lower`` sets
 the lines to what is there, where that is less. A file weighs
 
 * of Python: 1 for each name, number, operator and text, and 1 for each 4 characters of a text beyond 24. Comments weigh nothing, docstrings
   of up to 600 characters neither: what ``ast`` takes for docstrings;
-* of other text: 1 for each 4 bytes; Markdown is counted in words. Any other file counts in bytes, and the budget names its digest.
+* of other text: 1 for each 4 bytes; Markdown counts in words. Any other file counts in bytes; the budget names its digest.
 """
 
 import ast

@@ -140,14 +140,14 @@ class ReducedBasisEstimator(Estimator[State]):
             while waiting:
                 n = self._batch_length(state, waiting)
                 some, waiting = waiting[:n], waiting[n:]
-                columns = self.observer.columns(some, state.scale)
+                columns = self.observer.columns(some, state.revised)
                 after, updates = self._assimilated(state, columns)
                 if after.profiles == state.profiles:
                     # also the time stays: an earlier measurement may still come
                     after = state
-                after = with_decisions(after, updates)
+                after = with_decisions(state, after, updates)
                 if self.evidence is not None and columns:
-                    after = self.evidence.revised(state.profiles, after)
+                    after = self.evidence.revised(state.profiles, after, self.observer.columns)
                 state = after
                 yield some, columns, updates, state
 
@@ -275,6 +275,9 @@ class ReducedBasisEstimator(Estimator[State]):
             words = f"the variance of the ensemble was multiplied by {float(f'{state.scale:.2g}'):g}, as the measurements show"
             hardly = Caveat(f"{words}; the ensemble hardly covers this current")
             found.append(hardly if state.scale > 4.0 else words)
+        if further := state.revised.further:
+            words = f"measurements err by {100.0 * further:.0f} cm/s more than stated, as by tides"
+            found.append(Caveat(words))
         if extras is None:
             return found
         last = slice(self.observer.size - extras.std.size, None)

@@ -6,7 +6,7 @@ lower triangle of P is used.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +20,37 @@ FOLDED = 64
 _NS = 1e9
 
 
+class Revised(NamedTuple):
+    """Errors as the first measurements show them.
+
+    Attributes:
+        scale: Factor on the prior variance of members and local directions.
+        further: Error of a measurement beyond the stated ones [m/s], another in each, as of tides in an estimate without.
+        depth: Its correlation depth [m].
+    """
+
+    scale: float = 1.0
+    further: float = 0.0
+    depth: float = np.inf
+
+
+#: Errors before any measurement.
+AS_STATED = Revised()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Doubt:
     """Gate decisions on the first columns.
 
     Attributes:
+        before: State before them; None before any.
         rejected: Whether a part of each was rejected.
-        columns: Columns with a rejected part.
-        means: Whether each is of a mean or another linear measurement, not of profiles.
+        columns: Columns.
     """
 
+    before: "State | None" = None
     rejected: tuple[bool, ...] = ()
     columns: tuple[Any, ...] = ()
-    means: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +69,7 @@ class State:
         square: Sum of squares of their values.
         measured: shape (Z,), whether levels lie among measured depths; None before any.
         doubt: Evidence against the prior variance; None if not recorded.
-        scale: Factor on the prior variance of members and local directions from the first measurements.
+        revised: Errors as the first measurements show them.
         seen: By node, the sum of ``Layout.shared`` of measurements near it.
     """
 
@@ -66,13 +84,18 @@ class State:
     square: float = 0.0
     measured: NDArray[np.bool_] | None = None
     doubt: "Doubt | None" = None
-    scale: float = 1.0
+    revised: Revised = AS_STATED
     seen: Mapping[int, float] = field(default_factory=dict)
 
     @staticmethod
     def initial(size: int) -> "State":
         """Return the state before any observation: all unknowns with mean 0 and variance 1."""
         return State(np.zeros(size), np.asfortranarray(np.eye(size)), np.empty((0, size)))
+
+    @property
+    def scale(self) -> float:
+        """Factor on the prior variance of members and local directions."""
+        return self.revised.scale
 
     def products(self, rows: Array) -> Array:
         """Return rows, shape (m, k), times the covariance."""

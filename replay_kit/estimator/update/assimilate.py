@@ -67,14 +67,14 @@ def judged_layout(
 ) -> Judgements:
     """Return the gate decisions on measurements of one layout.
 
-    An improbably large residual of the compression, noise alone, shows errors larger than stated, which are adapted before the test.
+    A residual of the compression improbable as noise shows larger errors, adapted first.
 
     Args:
         innovation: shape (n, m), innovations of rows of unit noise.
         covariance: shape (m, m), covariance of their prediction.
         residual: Residual squares of the compression, shape (n,), and their degrees of freedom.
-        probability: Probability that valid measurements exceed the gate; None accepts all with their stated errors.
-        persistence: Factors on error variances, shape (n,), of errors that persist from bin to bin.
+        probability: Probability that valid measurements exceed the gate; None accepts all as stated.
+        persistence: Factors on variances, shape (n,), of errors that persist from bin to bin.
     """
     square, left = residual
     n, rows = innovation.shape

@@ -23,6 +23,7 @@ from replay_kit.core.geodesy import nearest_node, to_local
 from replay_kit.core.observation import error_covariance, mean_longitude, mean_time
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.extras import Extras
+from replay_kit.estimator.state import AS_STATED, Revised
 from replay_kit.estimator.update.screening import Screened
 
 # Between levels the representation error is linear; above and below them that of the nearest holds.
@@ -275,16 +276,16 @@ class Observer:
         dropped = np.sqrt(scale) * self.dropped[:, nodes]
         return np.asarray(np.hypot(self.basis.representation[:, nodes], dropped))
 
-    def columns(self, groups: Sequence[Screened], scale: float = 1.0) -> list[Column]:
-        """Return the columns observed by groups of measurements, under a factor on the prior variance; none for unusable groups."""
+    def columns(self, groups: Sequence[Screened], revised: Revised = AS_STATED) -> list[Column]:
+        """Return the columns observed by groups of measurements with revised errors; none for unusable groups."""
         used = [group for group in groups if group.is_used]
-        at_place = self._at_places([group for group in used if group.at_one_place], scale)
+        at_place = self._at_places([group for group in used if group.at_one_place], revised)
         return [
-            next(at_place) if group.at_one_place else self._along_path(group, scale)
+            next(at_place) if group.at_one_place else self._along_path(group, revised)
             for group in used
         ]
 
-    def _at_places(self, groups: Sequence[Screened], scale: float) -> Iterator[Column]:
+    def _at_places(self, groups: Sequence[Screened], revised: Revised) -> Iterator[Column]:
         if not groups:
             return
         basis, grid, ats = self.basis, self.basis.grid, [group.at for group in groups]
@@ -302,7 +303,7 @@ class Observer:
         for g, (group, at) in enumerate(zip(groups, ats, strict=True)):
             values, axes = group.local(at)
             parts = list[Part]()
-            for layout, members in self._layouts_of(group, at, int(nodes[g]), scale):
+            for layout, members in self._layouts_of(group, at, int(nodes[g]), revised):
                 used = np.flatnonzero(group.used[at[members[0]]])
                 about = values[members][:, used] - layout.levels @ known[g].T @ axes.T
                 parts.append(Part(layout, members, used, about))
@@ -322,7 +323,7 @@ class Observer:
         return offset, modes
 
     def _layouts_of(
-        self, group: Screened, at: Indices, node: int, scale: float
+        self, group: Screened, at: Indices, node: int, revised: Revised
     ) -> Iterator[tuple[Layout, Indices]]:
         """Yield the layouts of measurements at one position near a node, each with its measurements; arguments as in ``columns``."""
         names = "depth", "error_std", "common_std", "correlation_depth"
@@ -338,14 +339,14 @@ class Observer:
         sums = () if linear is None else (linear.depth, linear.weights, linear.correlation)
         more = tuple(None if each is None else each.tobytes() for each in sums)
         for key_of_values, profiles in alike.items():
-            key = (key_of_values, node, scale, *more)
+            key = (key_of_values, node, revised, *more)
             if key not in held:
                 if len(held) >= _REMEMBERED:
                     del held[next(iter(held))]
-                held[key] = self._layout(group, int(at[profiles[0]]), node, scale)
+                held[key] = self._layout(group, int(at[profiles[0]]), node, revised)
             yield held[key], np.array(profiles)
 
-    def _layout(self, group: Screened, i: int, node: int, scale: float) -> Layout:
+    def _layout(self, group: Screened, i: int, node: int, revised: Revised) -> Layout:
         """Return the layout of the i-th measurement of a group at one position near a node."""
         linear, used, depth = group.linear, group.used[i], group.columns["depth"][i]
         if linear is not None:
@@ -359,8 +360,10 @@ class Observer:
         if self.extras is not None:
             functions = np.hstack([functions, at_values(self.extras.functions(depth))])
         between = depth_weights(_LINEAR, depth, self.basis.grid.levels)
-        measured = self._covariance(group, i)
-        error = at_values(between) * (self.error(scale, node) if self.stated_std is None else 0.0)
+        measured = self._covariance(group, i, revised)
+        error = at_values(between) * (
+            self.error(revised.scale, node) if self.stated_std is None else 0.0
+        )
         is_relative = not np.isfinite(group.columns["common_std"][i])
         covariance = measured + np.diag(error.sum(axis=1) ** 2)
         shared = np.sum(error * (np.linalg.pinv(measured, hermitian=True) @ error), axis=0)
@@ -368,7 +371,7 @@ class Observer:
         mean = float(shared[near].mean()) if near.any() else 0.0
         return Layout.of(levels, functions, covariance, bool(is_relative), mean)
 
-    def _along_path(self, group: Screened, scale: float) -> Column:
+    def _along_path(self, group: Screened, revised: Revised) -> Column:
         basis, grid, linear = self.basis, self.basis.grid, group.linear
         assert linear is not None
         used = group.used[0]
@@ -393,8 +396,10 @@ class Observer:
             strict=True,
         )
         between = depth_weights(_LINEAR, linear.depth, grid.levels)
-        extra = np.sum(between * self.error(scale, nearest_node(grid, places, wet=True)).T, axis=1)
-        measured, error = self._covariance(group, 0), weights @ extra
+        extra = np.sum(
+            between * self.error(revised.scale, nearest_node(grid, places, wet=True)).T, axis=1
+        )
+        measured, error = self._covariance(group, 0, revised), weights @ extra
         relative = linear.reference == "relative"
         shared, node = 0.0, None
         if n == 1:
@@ -412,16 +417,19 @@ class Observer:
         part = Part(layout, np.zeros(1, np.intp), np.flatnonzero(used), about)
         return Column(group, group.at, linear.time_ns, design, np.eye(len(axes)), (part,), node)
 
-    def _covariance(self, group: Screened, i: int) -> Array:
+    def _covariance(self, group: Screened, i: int, revised: Revised) -> Array:
         """Return the error covariance of the used values of one, shape (m, m) [m^2/s^2], without representation errors."""
         used, linear, columns = np.flatnonzero(group.used[i]), group.linear, group.columns
         if self.stated_std is not None and group.at_one_place:
             return self.stated_std**2 * np.eye(used.size)
         if linear is not None:
-            return linear.covariance(used)
-        stated = (columns[name][i, used] for name in ("error_std", "depth"))
-        shared = (float(columns[name][i]) for name in ("correlation_depth", "common_std"))
-        return error_covariance(*stated, *shared)
+            return linear.covariance(used) + revised.further**2
+        error_std, depth = (columns[name][i, used] for name in ("error_std", "depth"))
+        correlation, common = (
+            float(columns[name][i]) for name in ("correlation_depth", "common_std")
+        )
+        further = error_covariance(0.0 * error_std + revised.further, depth, revised.depth, 0.0)
+        return error_covariance(error_std, depth, correlation, common) + further
 
 
 def _block_diagonal(design: Array, more: Array) -> Array:

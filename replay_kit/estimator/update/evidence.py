@@ -100,8 +100,8 @@ def scale_changes(x: Array, p: Array, scales: Array) -> tuple[Array, Array, floa
 def fitted_scale(x: Array, p: Array, expected: float, rows: int, square: float) -> float:
     """Return the most probable scale of the prior covariance, under a log-normal prior about an expected one.
 
-    It is estimated with a factor f on the error variance: errors larger than stated, as if correlated along a profile, would otherwise look
-    like a too narrow prior. For m rows S(a, f) = f S(a / f, 1), and the evidence is
+    It is estimated with a factor f on the error variance: errors larger than stated, as if correlated along a profile, otherwise look like
+    a narrow prior. For m rows S(a, f) = f S(a / f, 1), and the evidence is
 
         -(y'S(a / f, 1)^-1 y / f + log |S(a / f, 1)| + m log f) / 2.
 

@@ -25,7 +25,7 @@ class Grouping:
     """Limits of the distance of profiles in a group.
 
     The difference of the current between the ends of a group, by its change and by the vehicle's motion, is at most ``SHARE`` of the error
-    of a bin's mean over the profiles. Bins keep their depths, which differ by at most a bin's size within a group.
+    of a bin's mean over the profiles. Bins keep their depths, which differ by at most a bin in a group.
 
     Attributes:
         gradient: RMS gradient of the current [1/s].

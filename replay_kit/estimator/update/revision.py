@@ -1,13 +1,14 @@
 """Revision of the prior by the log after assimilation, with the formulas of ``evidence.py``.
 
-A **far too narrow** prior rejects valid measurements, and a gate that rejects all would keep a wrong estimate. If most of the first
-measurements of each kind and the latest are rejected, the ensemble is at fault: its variance is then multiplied by the likeliest factor,
-and the rejected measurements are assimilated. Where one kind agrees with the prior, the other is at fault.
+A **far too narrow** prior rejects valid measurements, and a gate that rejects all would keep a wrong estimate; so does an unknown tide.
+If many of the first measurements of each kind are rejected, all are assimilated anew, with the likeliest factor on the variance and further
+error of each. Where one kind agrees with the prior, the other is at fault.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import product
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from replay_kit.core.arrays import Array, replace
 from replay_kit.estimator.prior.calibration import MembersPrior, calibration, fitted_kernels
 from replay_kit.estimator.prior.factor import Parts, PriorSettings
 from replay_kit.estimator.prior.fit import Members
-from replay_kit.estimator.state import Doubt, State
+from replay_kit.estimator.state import Doubt, Revised, State
 from replay_kit.estimator.update.assimilate import Update, assimilate
+from replay_kit.estimator.update.columns import Column
 from replay_kit.estimator.update.evidence import (
     CENTRED,
     SCALED,
@@ -34,9 +36,13 @@ from replay_kit.estimator.update.evidence import (
 _FAR = 3.0
 # Columns after which the prior's variance is no longer doubted.
 _MOST = 16
-# Columns from which on it is, the share of them that is rejected then, and how many of the latest four are.
-_LEAST, _SHARE, _LATEST = 10, 0.6, 3
+# Columns from which on it is, the share of them that is rejected then, and how many of the latest four are; and the same after all of them.
+_REFUTED = (10, 0.6, 3), (_MOST, 0.3, 0)
 _SCALES = 2.0 ** np.arange(0.0, 9.0)
+# Further errors of a measurement that are tried with it [m/s], and their correlation depths [m]: as of tides, and of internal waves. Last,
+# of those rejected alone, which are then wrong.
+_FURTHER = (0.0, np.inf), *product((0.05, 0.1, 0.2), (np.inf, 200.0))
+_TRIED = *zip(_FURTHER, _FURTHER, strict=True), (_FURTHER[0], (1.0, np.inf))
 
 
 # Not slotted: what members left out show is computed when first asked for.
@@ -74,10 +80,14 @@ class Evidence:
     def _prior(self) -> MembersPrior:
         return MembersPrior.of(self.members, self.settings, self.bound)
 
-    def revised(self, before: int, state: State) -> State:
-        """Return a state under the revised prior, if a revision is due: after more profiles than ``before``."""
-        if _is_refuted(state.doubt):
-            return self._rescaled(state)
+    def revised(self, before: int, state: State, observe: Callable[..., list[Column]]) -> State:
+        """Return a state under the revised prior, if a revision is due: after more profiles than ``before``; columns by ``observe``."""
+        doubt = state.doubt
+        if doubt is not None:
+            if _is_refuted(doubt):
+                return self._refitted(state, doubt, observe)
+            if len(doubt.rejected) >= _MOST and not doubt.rejected[-1]:
+                state = replace(state, doubt=None)
         if any(before < count <= state.profiles for count in SCALED):
             factor = self._scale(state)
             far = max(factor / self.expected, 1.0 / factor) > _FAR
@@ -100,16 +110,21 @@ class Evidence:
 
     def _scale(self, state: State) -> float:
         """Return the most probable factor on the prior variance of members and local directions for a state."""
-        part, root = self.parts.scaled, np.sqrt(state.scale)
         expected = 1.0 if self.is_made or state.scale != 1.0 else self.expected
-        lower = state.folded().p[part, part] / state.scale
-        return fitted_scale(state.x[part] / root, lower, expected, state.rows, state.square)
+        return fitted_scale(*self._of_unit_scale(state), expected, state.rows, state.square)
+
+    def _of_unit_scale(self, state: State) -> tuple[Array, Array]:
+        """Return mean and covariance (its lower triangle) of the scaled unknowns in units of their prior standard deviation."""
+        part = self.parts.scaled
+        return state.x[part] / np.sqrt(state.scale), state.folded().p[part, part] / state.scale
 
     def _scaled(self, state: State, factor: float) -> State:
         """Return the state with the prior variance of members and local directions multiplied by a factor."""
         scales = state.scale, state.scale * factor
         moments = with_variance(state.x, state.covariance, self.parts.scaled, *scales)
-        return replace(state.with_moments(*moments), scale=scales[1])
+        return replace(
+            state.with_moments(*moments), revised=state.revised._replace(scale=scales[1])
+        )
 
     def _averaged(self, state: State) -> tuple[Array, Array]:
         """Return mean and covariance averaged over the prior variance of the ensemble mean's amplitude."""
@@ -129,20 +144,29 @@ class Evidence:
         marginal = Marginal.of(x[parts.sample], p[parts.sample, parts.sample])
         return member_centre(marginal, parts.anomaly, parts.members, state.profiles, self.kernels)
 
-    def _rescaled(self, state: State) -> State:
-        """Return a state with the likeliest prior variance and the rejected columns assimilated, if the columns refute the prior."""
-        assert state.doubt is not None
-        part, columns, found = self.parts.scaled, state.doubt.columns, []
-        lower = state.covariance[part, part] / state.scale
-        misfit, determinant, _ = scale_changes(state.x[part] / np.sqrt(state.scale), lower, _SCALES)
-        before = -0.5 * (misfit + determinant)
-        for scale, evidence in zip(_SCALES.tolist(), before.tolist(), strict=True):
-            begun = replace(self._scaled(state, scale), doubt=None)
-            after, updates = assimilate(begun, columns, None)
-            found.append((evidence + sum(update.log_likelihood for update in updates), after))
-        times = [column.time_ns for column in columns]
-        latest = max(times if state.time_ns is None else [*times, state.time_ns])
-        return replace(max(found, key=lambda each: each[0])[1], time_ns=latest)
+    def _refitted(self, state: State, doubt: Doubt, observe: Callable[..., list[Column]]) -> State:
+        """Return a state after all columns, without a gate, with the likeliest prior variance and further error of a measurement."""
+        assert doubt.before is not None
+        found = []
+        begun = replace(
+            doubt.before,
+            time_ns=max(column.time_ns for column in doubt.columns),
+            last=state.last,
+            measured=state.measured,
+            doubt=None,
+        )
+        for further in _TRIED:
+            stated, of_rejected = (Revised(doubt.before.scale, *each) for each in further)
+            columns = [
+                observe([column.screened], of_rejected if rejected else stated)[0]
+                for column, rejected in zip(doubt.columns, doubt.rejected, strict=True)
+            ]
+            after, updates = assimilate(replace(begun, revised=stated), columns, None)
+            misfit, determinant, _ = scale_changes(*self._of_unit_scale(after), _SCALES)
+            logs = sum(update.log_likelihood for update in updates) - 0.5 * (misfit + determinant)
+            found.append((logs.max(), _SCALES[logs.argmax()], after))
+        _, scale, after = max(found, key=lambda each: each[0])
+        return self._scaled(after, float(scale))
 
 
 def _few_members_factor(members: int) -> float:
@@ -155,23 +179,29 @@ def _few_members_factor(members: int) -> float:
     return max(1.0, factor / usual)
 
 
-def with_decisions(state: State, updates: list[Update]) -> State:
-    """Return the state with gate decisions recorded, as long as the prior variance is in doubt."""
+def with_decisions(before: State, state: State, updates: list[Update]) -> State:
+    """Return the state with gate decisions recorded, as long as the prior variance is in doubt.
+
+    Args:
+        before: State before the updates.
+        state: State after them.
+        updates: Updates.
+    """
     for update in updates if state.doubt is not None else ():
         doubt, rejected = state.doubt, not bool(update.judgements.accepted.all())
-        if doubt is None or (len(doubt.rejected) + 1 >= _MOST and not rejected):
-            return replace(state, doubt=None)
-        columns = (*doubt.columns, update.column) if rejected else doubt.columns
-        is_mean = update.column.screened.linear is not None
-        more = (*doubt.rejected, rejected), columns, (*doubt.means, is_mean)
-        state = replace(state, doubt=Doubt(*more))
+        assert doubt is not None
+        more = (*doubt.rejected, rejected), (*doubt.columns, update.column)
+        state = replace(state, doubt=Doubt(doubt.before or before, *more))
     return state
 
 
-def _is_refuted(doubt: Doubt | None) -> bool:
-    """Return whether the first columns refute the prior variance."""
-    if doubt is None or len(doubt.rejected) < _LEAST:
-        return False
-    rejected, means = np.array(doubt.rejected), np.array(doubt.means)
-    most = all(rejected[kind].mean() >= _SHARE for kind in (means, ~means) if kind.any())
-    return most and sum(doubt.rejected[-4:]) >= _LATEST
+def _is_refuted(doubt: Doubt) -> bool:
+    """Return whether the first columns refute the prior variance or the stated errors."""
+    rejected = np.array(doubt.rejected)
+    means = np.array([column.screened.linear is not None for column in doubt.columns])
+    shares = [rejected[kind].mean() for kind in (means, ~means) if kind.any()]
+    latest = sum(doubt.rejected[-4:])
+    return any(
+        len(rejected) >= least and min(shares) >= share and latest >= late
+        for least, share, late in _REFUTED
+    )

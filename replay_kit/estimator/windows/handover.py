@@ -96,7 +96,7 @@ def _initial_state(
         # in the unit of a member's anomaly, which goes with the share of the sample covariance
         centre = centre * (after.evidence.parts.anomaly / before.evidence.parts.anomaly)
     doubt = None if state.doubt is None else begun.doubt
-    return replace(begun, p=p, scale=state.scale, centre=centre, doubt=doubt)
+    return replace(begun, p=p, revised=state.revised, centre=centre, doubt=doubt)
 
 
 def overlap(one: Grid, other: Grid) -> Array:

@@ -30,7 +30,7 @@ class WindowedState:
         left: Windows left and their last states, in order, as long as they are kept.
         number: Number of windows so far.
         loss: Largest RMS so far of information not handed over [m/s].
-        strays: Number of consecutive measurements of a vehicle outside its window; no entry for 0.
+        strays: Consecutive measurements of a vehicle outside its window; no entry for 0.
         unusable: Windows that failed, with the reason.
     """
 

@@ -108,6 +108,18 @@ def test_a_prior_that_is_far_too_narrow_is_widened_and_said(share, stated, refut
     assert errors(blind, blind.assimilate(blind.initial(), log)[0])[1] > 5.0
 
 
+@pytest.mark.parametrize(("size", "waves", "depth"), [(0.12, 0.0, np.inf), (0.2, 0.017, 200.0)])
+def test_an_unknown_tide_or_internal_wave_is_an_error_of_each_profile(size, waves, depth):
+    estimator, log = build([OTHERS], DEFAULT, GatingConfig()), []
+    for k, one in enumerate(sound(40, 0.02, 0.02)):
+        phase = 2.1 * k + waves * one.depth[:, None] + np.array([0.0, 1.6])
+        log.append(replace(one, velocity=one.velocity + size * np.cos(phase)))
+    state, _ = estimator.assimilate(estimator.initial(), log)
+    assert (state.scale < 2.0, state.revised.depth) == (True, depth)
+    assert errors(estimator, state)[1] < 1.5
+    assert "more than stated" in estimator.remarks(state)[-1]
+
+
 @pytest.mark.parametrize("refused", [False, True])
 def test_means_that_agree_with_the_prior_keep_rejected_profiles_from_widening_it(refused):
     """Of each dive two wrong profiles and its mean; a prior that is too narrow refuses the means too."""
@@ -125,10 +137,14 @@ def test_means_that_agree_with_the_prior_keep_rejected_profiles_from_widening_it
     assert (state.scale > 1.0) == refused
 
 
-def test_an_instrument_that_fails_at_first_does_not_widen_the_prior():
+@pytest.mark.parametrize("wrong", [slice(8), slice(1, None, 2)])
+def test_an_instrument_that_fails_at_first_or_now_and_then_does_not_widen_the_prior(wrong):
     estimator, log = build([OTHERS], DEFAULT, GatingConfig()), sound(40)
-    log[:8] = [replace(each, velocity=each.velocity + np.array([2.0, 0.0])) for each in log[:8]]
+    log[wrong] = [
+        replace(each, velocity=each.velocity + np.array([2.0, 0.0])) for each in log[wrong]
+    ]
     state, steps = estimator.assimilate(estimator.initial(), log)
-    assert [step.innovation.decision for step in steps[:8]] == ["rejected"] * 8
-    assert (state.scale, state.profiles, state.doubt) == (1.0, 32, None)
+    decisions = {step.innovation.decision for step in steps[wrong]}
+    assert (decisions, state.scale, state.doubt) == ({"rejected"}, 1.0, None)
+    assert errors(estimator, state)[1] < 1.5
     assert not estimator.remarks(state)

@@ -30,7 +30,8 @@ VARIANTS = {
 
 
 def columns(observer, measurements, scale=1.0):
-    return observer.columns([screened([m], SEA.grid)[0][0] for m in measurements], scale)
+    revised = ESTIMATOR.initial().revised._replace(scale=scale)
+    return observer.columns([screened([m], SEA.grid)[0][0] for m in measurements], revised)
 
 
 def said(column):
