@@ -27,7 +27,7 @@ from replay_kit.estimator.update.columns import Column, Observer
 from replay_kit.estimator.update.evidence import CENTRED, SCALED
 from replay_kit.estimator.update.grouping import Grouping
 from replay_kit.estimator.update.innovations import misfits, outcomes
-from replay_kit.estimator.update.revision import Evidence, with_decisions
+from replay_kit.estimator.update.revision import FAR, Evidence, with_decisions
 from replay_kit.estimator.update.screening import Screened, screened
 
 # Columns whose products with the covariance are computed together.
@@ -271,10 +271,11 @@ class ReducedBasisEstimator(Estimator[State]):
     def remarks(self, state: State) -> list[str]:
         """Return notes on estimated instrument errors."""
         extras, found = self.observer.extras, list[str]()
-        if state.scale != 1.0:
-            words = f"the variance of the ensemble was multiplied by {float(f'{state.scale:.2g}'):g}, as the measurements show"
+        shown = 1.0 if self.evidence is None else self.evidence.shown(state)
+        if state.scale != 1.0 or shown > FAR:
+            words = f"the variance of the ensemble was multiplied by {float(f'{shown:.2g}'):g}, as the measurements show"
             hardly = Caveat(f"{words}; the ensemble hardly covers this current")
-            found.append(hardly if state.scale > 4.0 else words)
+            found.append(hardly if shown > FAR else words)
         if further := state.revised.further:
             words = f"measurements err by {100.0 * further:.0f} cm/s more than stated, as by tides"
             found.append(Caveat(words))

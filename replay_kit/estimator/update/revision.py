@@ -32,8 +32,8 @@ from replay_kit.estimator.update.evidence import (
     with_variance,
 )
 
-# Factor on the prior variance, or one over it, from which on the prior is changed, and not the stated errors alone.
-_FAR = 3.0
+#: Factor on the prior variance, or one over it, from which on the prior is changed, and not the stated errors alone.
+FAR = 3.0
 # Columns after which the prior's variance is no longer doubted.
 _MOST = 16
 # Columns from which on it is, the share of them that is rejected then, and how many of the latest four are; and the same after all of them.
@@ -90,7 +90,7 @@ class Evidence:
                 state = replace(state, doubt=None)
         if any(before < count <= state.profiles for count in SCALED):
             factor = self._scale(state)
-            far = max(factor / self.expected, 1.0 / factor) > _FAR
+            far = max(factor / self.expected, 1.0 / factor) > FAR
             if self.is_made or state.scale != 1.0 or far:
                 state = self._scaled(state, factor)
         if state.centre is None and state.profiles >= CENTRED:
@@ -106,7 +106,11 @@ class Evidence:
         return with_mean(x, p, self.parts.sample, centre), p, partial(self._stated, state)
 
     def _stated(self, state: State) -> float:
-        return max(1.0, self._scale(state)) * _few_members_factor(self.parts.members)
+        return self.shown(state) / state.scale * _few_members_factor(self.parts.members)
+
+    def shown(self, state: State) -> float:
+        """Return the factor on the variance of the ensemble that the measurements show."""
+        return state.scale * max(1.0, self._scale(state))
 
     def _scale(self, state: State) -> float:
         """Return the most probable factor on the prior variance of members and local directions for a state."""

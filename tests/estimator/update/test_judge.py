@@ -120,6 +120,13 @@ def test_an_unknown_tide_or_internal_wave_is_an_error_of_each_profile(size, wave
     assert "more than stated" in estimator.remarks(state)[-1]
 
 
+def test_a_variance_far_above_the_ensemble_s_is_said_before_it_changes_the_prior():
+    estimator = build([narrowed(0.3)], DEFAULT, GatingConfig())
+    state, _ = estimator.assimilate(estimator.initial(), sound(7, 0.02))
+    assert state.scale == 1.0
+    assert "hardly" in estimator.remarks(state)[0]
+
+
 @pytest.mark.parametrize("refused", [False, True])
 def test_means_that_agree_with_the_prior_keep_rejected_profiles_from_widening_it(refused):
     """Of each dive two wrong profiles and its mean; a prior that is too narrow refuses the means too."""
