@@ -295,10 +295,10 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
     )
     time, energy, miss, line, mooring = ca.vertsplit(p["weights"])
 
-    def integral(water: Any) -> Any:
+    def integral(value: Any) -> Any:
         """Return the integral over time of a function of position, by Simpson's rule."""
         return (
-            ca.sum2((lasts + p["drift"]).T * (water(begins) + 4.0 * water(middles) + water(ends)))
+            ca.sum2((lasts + p["drift"]).T * (value(begins) + 4.0 * value(middles) + value(ends)))
             / 6.0
         )
 
