@@ -296,10 +296,8 @@ class Observer:
         times = np.array([mean_time(columns["time"][at]) for columns, at in rows], np.int64)
         offset, modes = self._flows(basis.horizontal.velocity(places, self._latents))
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
-        known, nodes = (
-            offset.swapaxes(0, 1) + mean,
-            nearest_node(grid, places, wet=True),
-        )  # (n, 2, Z)
+        known = offset.swapaxes(0, 1) + mean  # (n, 2, Z)
+        nodes = nearest_node(grid, places, wet=True)
         for g, (group, at) in enumerate(zip(groups, ats, strict=True)):
             values, axes = group.local(at)
             parts = list[Part]()
