@@ -128,7 +128,7 @@ _INSTRUMENTS = MappingProxyType(
     {
         "/ctd": (
             "replay_kit.Ctd",
-            ("depth", "pressure"),
+            ("depth", "pressure", "dive"),
             ("temperature", "salinity", "conductivity"),
         ),
         "/vehicle/altimeter": ("replay_kit.Altimeter", ("depth",), ("altitude", "water_depth")),

@@ -33,11 +33,11 @@ from replay_kit.logs.tables.vehicle import no_place
 _NS = 1_000_000_000
 #: Time of a fix that is not stated.
 NO_TIME = -(2**63)
-_CTD = "depth temperature salinity conductivity pressure"
+_CTD = "depth temperature salinity conductivity pressure dive"
 _DRIFTER = "longitude latitude depth error"
 _RADAR = "longitude latitude value error_std direction suspect depth averaged error_length kind"
 Payloads = Sequence[Payload]
-_WHOLE_METRES = "cell_depth is 0: whole metres hold no cells below 1 m; state their size in a [[measurements.map]]"
+_WHOLE_METRES = "cell_depth is 0 whole metres: state the size of cells in a [[measurements.map]]"
 _NUCLEUS = (
     "profile along three beams (Nortek Nucleus), whose directions and heading it does not state"
 )

@@ -197,18 +197,21 @@ _AT_SURFACE, _NO_POSITION = "sample at the surface", "sample before the first po
 _SPEED = 0.2
 _CTD = ("temperature", "salinity", "conductivity", "pressure")
 _NO_SAMPLES: Columns = {
-    **dict.fromkeys(("input", "topic", "position", "time", "order", "fix"), np.empty(0, np.int64)),
+    **dict.fromkeys(
+        ["input", "topic", "position", "time", "order", "fix", "dive"], np.empty(0, np.int64)
+    ),
     "values": np.empty((0, 7)),
 }
 
 
 class Dive(NamedTuple):
-    """Dive of a line: first message, number of messages, profiles, and whether the conductivity cell lags."""
+    """Dive of a line: first message, number of messages, profiles, whether the conductivity cell lags, and its number as stated or NaN."""
 
     source: Source
     messages: int
     profiles: tuple[Profile, ...]
     lags: bool
+    stated: float
 
 
 class SectionLine(NamedTuple):
@@ -279,6 +282,7 @@ def _samples(table: Table, step: Step) -> Columns:
         "time": table.time,
         "order": table.order,
         "fix": np.where(np.append(step.positions["dead_reckoned"], True)[before], LONG_AGO, time),
+        "dive": table["dive"],
         "values": np.column_stack([*places, depth, *(table[name] for name in _CTD)]),
     }
     return step.kept(replace(table, columns=columns), why).columns
@@ -303,7 +307,8 @@ def _after_dive(
     if reason:
         step.add(np.full(n, due), step.topic(source.topic), reason)
         return line
-    dive = Dive(source, n, sound, has_lag(sound, [share for _, share in cleaned]))
+    lags = has_lag(sound, [share for _, share in cleaned])
+    dive = Dive(source, n, sound, lags, float(samples["dive"][-1]))
     longer = line._replace(dives=(*line.dives, dive))
     section = section_of(longer.profiles)
     if section is None and len(longer.profiles) >= _LEAST_PROFILES:
@@ -338,7 +343,9 @@ def _close_line(line: SectionLine, due: int, step: Step, found: Found) -> Sectio
         time = positions["time"][as_of(at, positions["order"])]
         source = replace(dives[0].source, time_ns=int(time))
         doubt = LAG if 4 * sum(dive.lags for dive in dives) > len(profiles) else ""
-        label = Label(int(step.dived(at)["dive"]), source, kind="shear", doubt=doubt)
+        stated, counted = dives[-1].stated, step.dived(at)["dive"]
+        number = int(counted if np.isnan(stated) else stated)
+        label = Label(number, source, kind="shear", doubt=doubt)
         reason = step.left_out("shear", label.dive)
         whole = section_of(line.earlier + profiles)
         whole = section if whole is None or whole.is_mixed else whole

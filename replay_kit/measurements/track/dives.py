@@ -119,7 +119,7 @@ def legs_of(
     Args:
         time_ns: shape (n,) [ns], in the order of the samples.
         depth: shape (n,) [m], positive down; NaN if unknown.
-        surface_depth: Depth above which the vehicle is at the surface [m].
+        surface_depth: Above it the vehicle is at the surface [m].
         leg: Least length of a cast, and least return for a turn [m].
         gap: Longest time between samples of one cast [s].
     """

@@ -61,7 +61,7 @@ def measured(messages, config=CONFIG):
 
 
 def test_dives_along_a_line_give_the_shear_across_it_once_it_is_long_enough():
-    dives = mission()
+    dives = mission(change=lambda ctd, dive: ctd | {"dive": 11 + dive})
     shears, reasons, used = measured(dives)
     first = shears[0]
     truth = expected(1e-3)[(first.depth / 10.0).astype(int)]
@@ -69,7 +69,8 @@ def test_dives_along_a_line_give_the_shear_across_it_once_it_is_long_enough():
     assert np.sign(first.components[0, 1]) == 1.0
     assert np.abs(relative).max() < min(2.0 * first.error_std.max(), 0.3 * np.ptp(truth))
     assert (first.reference, first.source.topic) == ("relative", "/ctd")
-    assert (first.label.kind, first.label.doubt) == ("shear", "")
+    # of the last of its dives, as the vehicle numbers them
+    assert (first.label.kind, first.label.doubt, first.label.dive) == ("shear", "", 16)
     # known at a surfacing, of dives that count in no other
     assert len({each.time_ns for each in shears}) == len(shears)
     assert used >= 250 * 8
