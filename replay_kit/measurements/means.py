@@ -35,7 +35,7 @@ _LONG_AGO = -(2**63)
 TOO_FAST = "depth-averaged current: faster than measurements.max_speed"
 _THROWN = "depth-averaged current: a fix of its dive is out of the vehicle's reach"
 _NO_PATH = "depth-averaged current: no path from its first fix to its last"
-_NO_DEPTH = "depth-averaged current: no path, and no fixes with a depth"
+_NO_DEPTH = "depth-averaged current: no path, and no fixes with a depth below the surface"
 
 
 class Spot(NamedTuple):
@@ -341,7 +341,8 @@ def _match_stated(
         if path is not None and _same(path.start, start) and path.last.time <= end.time:
             # the fix after the dive has not come yet
             found = (path, end) if math.isfinite(path.deepest) else found
-    if math.isnan(found[0].deepest):
+    # of a glider that stays at the surface the current is no mean over a dive
+    if not found[0].deepest > step.config.surface_depth:
         return ways, None, _NO_DEPTH
     if done is not None and done[1].time <= found[1].time:
         ways = ways._replace(done=None)

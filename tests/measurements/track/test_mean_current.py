@@ -123,6 +123,7 @@ def test_without_a_path_it_is_straight_down_and_up():
             "no path, and no fixes",
         ),
         ({}, "no path, and no fixes"),
+        ({"max_depth": 0.0}, "no path, and no fixes"),
     ],
 )
 def test_currents_without_what_they_need_are_skipped_with_the_reason(changes, reason):
