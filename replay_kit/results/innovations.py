@@ -233,9 +233,8 @@ def thinned(count: int, most: int) -> NDArray[np.intp]:
 
 
 def rows_of_dives(sums: "pd.DataFrame") -> "pd.DataFrame":
-    """Return the rows of ``Measured.sums`` on profiles and mean currents used of dives; shear, radar and sensors are of no dive."""
-    of_vehicle = sums["mean_current_kind"].isin(("", "dac", "drift"))
-    return sums[sums["accepted"] & (sums["dive"] > 0) & of_vehicle]
+    """Return the rows of ``Measured.sums`` on profiles and mean currents of dives; shear, radar and sensors are of no dive."""
+    return sums[(sums["dive"] > 0) & sums["mean_current_kind"].isin(("", "dac", "drift"))]
 
 
 def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
@@ -247,20 +246,25 @@ def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    used = rows_of_dives(sums)
-    begins, measured = used["first"].copy(), fixes.index[~fixes["dead_reckoned"].to_numpy(np.bool_)]
+    own = rows_of_dives(sums)
+    begins, measured = own["first"].copy(), fixes.index[~fixes["dead_reckoned"].to_numpy(np.bool_)]
     before = measured.searchsorted(begins) - 1
     # a dive's mean current begins at the last position measured before its end
-    known = (used["mean_current_kind"] == "dac").to_numpy() & (before >= 0)
+    known = (own["mean_current_kind"] == "dac").to_numpy() & (before >= 0)
     begins[known] = measured[before[known]]
-    dives = used.assign(begin=begins).groupby("dive")
+    # what was rejected shows that there was a dive, and counts no further
+    used = own.where(own["accepted"], 0)
+    profiles = own["mean_current_kind"] == ""
+    dives = used.assign(
+        begin=begins,
+        end=own["last"],
+        profiles=used["measurements"] * profiles,
+        bins=used["dof"] // 2 * profiles,
+        mean_currents=used["measurements"] * ~profiles,
+    ).groupby(own["dive"])
     dof = dives["dof"].sum()
-    columns = {
-        "start": dives["begin"].min(),
-        "end": dives["last"].max(),
-        "profiles": dives["measurements"].sum(),
-        "bins": dof // 2,
-    }
+    columns = {"start": dives["begin"].min(), "end": dives["end"].max()}
+    columns |= {name: dives[name].sum() for name in ("profiles", "bins", "mean_currents")}
     rms = {f"rms_{name}": np.sqrt(dives[f"square_{name}"].sum() / dof) for name in _RMS}
     return pd.DataFrame({**columns, **rms, "nis_per_dof": dives["nis"].sum() / dof})
 

@@ -169,7 +169,7 @@ class ResultFile:
 
     @cached_property
     def dives(self) -> "pd.DataFrame":
-        """Dives: start, end, number of profiles and bins used, RMS values [m/s] as in ``observations``, NIS per degree of freedom.
+        """Dives: start, end, number of profiles, bins and DACs used, RMS values [m/s] as in ``observations``, NIS per value.
 
         Start and end are the times of the first and the last measurement; a mean current starts at the fix before it.
         """

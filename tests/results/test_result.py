@@ -58,7 +58,7 @@ def test_a_plan_is_read_as_it_was_written(tmp_path_factory, place, text, odds, n
 
 @pytest.fixture
 def opened(flow, state, innovation, plan, tmp_path):
-    """Two dives of two profiles, one of them rejected; a plan and a surfacing."""
+    """Three dives of profiles, the last rejected; a plan and a surfacing."""
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
         writer.log(TIME_NS, "warning", "mind the gap")
@@ -67,7 +67,7 @@ def opened(flow, state, innovation, plan, tmp_path):
         for second, about in (
             (0, {}),
             (2, {"nis": 6.5}),
-            (3, {"accepted": False, "decision": "rejected"}),
+            (3, {"dive": 5, "accepted": False, "decision": "rejected"}),
             (4, {"dive": 3, "innovation": 3.0 * innovation.innovation, "dof": 4, "nis": 9.0}),
         ):
             writer.innovations([replace(innovation, time_ns=TIME_NS + second * SECOND, **about)])
@@ -95,12 +95,12 @@ def test_observations_and_their_dives(opened, innovation):
     expected = [rms, rms, rms, 3.0 * rms * np.sqrt(6 / 4)]
     np.testing.assert_allclose(table["rms_innovation"], expected, rtol=1e-6)
     np.testing.assert_allclose(table["rms_residual"].iloc[0], 0.1 * rms, rtol=1e-6)
-    # what was rejected does not count
-    assert dives.index.tolist() == [2, 3]
-    assert (dives["profiles"].tolist(), dives["bins"].tolist()) == ([2, 1], [6, 2])
-    assert dives["nis_per_dof"].tolist() == [(5.5 + 6.5) / 12, 9.0 / 4]
-    np.testing.assert_allclose(dives["rms_innovation"], [rms, expected[3]], rtol=1e-6)
-    assert dives["end"].tolist() == at(2, 4)
+    # a dive of which all was rejected is one, of nothing
+    assert dives.index.tolist() == [2, 3, 5]
+    assert (dives["profiles"].tolist(), dives["bins"].tolist()) == ([2, 1, 0], [6, 2, 0])
+    np.testing.assert_equal(dives["nis_per_dof"].tolist(), [(5.5 + 6.5) / 12, 9.0 / 4, np.nan])
+    np.testing.assert_allclose(dives["rms_innovation"], [rms, expected[3], np.nan], rtol=1e-6)
+    assert dives["end"].tolist() == at(2, 4, 3)
 
 
 def test_a_dive_with_a_mean_current_alone_begins_at_the_fix_before_it(
@@ -119,6 +119,7 @@ def test_a_dive_with_a_mean_current_alone_begins_at_the_fix_before_it(
     # a profile begins when it was measured; so does a mean current without a fix before it
     assert dives["start"].tolist() == at(5, 8, 0)
     assert dives["end"].tolist() == at(9, 8, 0)
+    assert dives[["profiles", "mean_currents"]].to_numpy().tolist() == [[0, 1], [1, 0], [0, 1]]
 
 
 def test_a_result_without_estimate_or_data_says_so_and_has_empty_tables(flow, tmp_path):

@@ -43,7 +43,7 @@ def test_tables_of_topics_and_dives_are_printed_when_asked_for():
                 for k in (1, 2, 3)
             ],
             "observations": {"used": 4, "rejected": 0, "bins_used": 4, "bins_rejected": {}},
-            "by_dive": [{"dive": 7, "profiles": 1, "bins": 3, **rms}],
+            "by_dive": [{"dive": 7, "profiles": 1, "bins": 3, "mean_currents": 0, **rms}],
         }
     )
     few, whole = (
@@ -52,7 +52,7 @@ def test_tables_of_topics_and_dives_are_printed_when_asked_for():
     )
     assert not any("/adcp" in line for line in few)
     assert sum(line.startswith("/adcp/cell_") for line in whole) == 3
-    assert ["7", "1", "3", "30.00", "1.00"] in [line.split() for line in whole]
+    assert ["7", "1", "3", "0", "30.00", "1.00"] in [line.split() for line in whole]
 
 
 def test_energy_is_told_with_its_share_of_the_battery_and_null_if_unknown(plan):

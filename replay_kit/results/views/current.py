@@ -153,9 +153,9 @@ def series_of(
 ) -> pd.DataFrame:
     """Return the time series of the current at a position: time, place, depth, current and standard errors of ``KEPT`` [m/s].
 
-    It is computed from the published unknowns, at the last time from the last estimate. Its standard error is the published one, at another
-    depth that of the last estimate alone. Without unknowns it is the published current at the nearest depth. Velocities are towards true
-    east and north, standard errors along the local axes; NaN on land or outside the region.
+    It is of the published unknowns, at the last time of the last estimate; its standard error is the published one, at another depth that
+    of the last estimate alone. Without unknowns it is of the nearest depth. Velocities are on true
+    axes, standard errors on local ones.
 
     Args:
         slices: Published current.

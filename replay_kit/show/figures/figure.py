@@ -39,15 +39,12 @@ class Mark(NamedTuple):
 
     Attributes:
         kind: Kind of drawing.
-        x: Horizontal coordinates; NaN leaves a gap.
-        y: Vertical coordinates.
+        x, y: Coordinates; NaN leaves a gap.
         name: Name in the legend.
         color: Colour.
-        symbol: Symbol of points.
-        dash: Style of lines.
-        width: Width of lines.
-        size: Size of points.
-        edge: Colour of their edge.
+        symbol, size: Of points.
+        dash, width: Of lines.
+        edge: Colour of the points' edge.
         halo: Whether on a light line.
         error: Standard errors of y.
         base: Lower limit of filled ground.

@@ -259,8 +259,9 @@ def _measured(counts: Counts) -> dict[str, Any]:
         "by_dive": [
             {
                 "dive": dive,
-                "profiles": sums.profiles,
-                "bins": sums.bins,
+                "profiles": sums.profiles - sums.means,
+                "bins": sums.bins - sums.means,
+                "mean_currents": sums.means,
                 **sums.rms_of("predicted", "prior", begin="rms_innovation_"),
                 "nis_per_dof": sums.nis_per_dof,
             }

@@ -52,12 +52,11 @@ class Step:
     """Event with the estimate before and after it.
 
     Attributes:
-        event: Consecutive positions or one of them, an observation or a group of profiles, or a DAC that is not assimilated.
+        event: Consecutive positions or one, an observation or group of profiles, or a DAC not assimilated.
         before: Estimator's state before it.
         after: Estimator's state after it.
         innovation: Innovation of an observation or group, and decision of the gate; None for others.
-        dive_innovation: shape (n, 2) [m/s], innovation against the estimate before the observation's dive; for a group all bins of all
-            profiles.
+        dive_innovation: shape (n, 2) [m/s], against the estimate before the observation's dive; of a group all bins.
         dive_std: shape (1, 2) [m/s], predicted standard deviation of ``dive_innovation`` for a DAC; None for others.
     """
 
@@ -214,7 +213,7 @@ class Counts:
         unsupported: DACs that the estimator cannot use, by kind.
         bins_rejected: Unused bins, by reason.
         total: Sums over all observations.
-        dives: Sums over the profiles and DACs of each dive.
+        dives: Sums over the profiles and DACs of each dive, rejected ones too.
         kinds: Sums over the observations of each kind.
         doubts: Number of observations of other sources by kind and possible fault.
         last_position: Last position; None before the first.
@@ -267,7 +266,7 @@ class Counts:
             if isinstance(event, LinearMeasurement):
                 if event.label.doubt:
                     doubts = counts_with(doubts, [((kind, event.label.doubt), 1)])
-            elif innovation.dive > 0 and innovation.accepted:
+            elif innovation.dive > 0:
                 dives[innovation.dive] = dives.get(innovation.dive, Sums()).plus(sums)
             if isinstance(event, PathMean) and event.corrected:
                 corrections.append(abs(complex(*event.used) - complex(*event.velocity)))
