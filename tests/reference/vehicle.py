@@ -130,7 +130,7 @@ def follow_waypoints(
 
     Args:
         sea: The current.
-        plan: The mission of the waypoints: its vehicle and start.
+        plan: Their mission: its vehicle and its start.
         rows: Of the file with the dives, one a waypoint.
         places: shape (n, 2), longitude and latitude of the waypoints [degrees].
         expected: shape (2,), the current that it is told [m/s], local east and north.

@@ -15,12 +15,18 @@ SETTINGS = {"estimator": QUICK, "measurements": {"flight_bias": False}}
 def test_fed_message_by_message_and_asked_in_between_it_ends_with_the_estimate_of_a_replay(ocean):
     now = rk.live(ocean / "ensemble.nc", settings=SETTINGS)
     with rk.open_log(ocean / "glider.mcap") as log:
-        for k, message in enumerate(log.messages()):
+        messages = [*log.messages()]
+        for k, message in enumerate(messages):
             now.feed([message])
             if k % 7 == 0:
                 assert now.estimate.time_ns <= message.time_ns
     known = now.estimate
-    now.feed([], last=True)
+    # neither is in a replay, and both are told
+    now.feed([messages[9], message._replace(topic="/vendor", schema="vendor/Adcp")], last=True)
+    told = now.messages
+    assert told[messages[9].topic, "later than the reorder window allows"] == 1
+    assert sum(told.values()) == len(messages) + 2
+    assert [n for (topic, why), n in told.items() if topic == "/vendor" and why] == [1]
     whole = rk.replay(ocean / "glider.mcap", ocean / "ensemble.nc", settings=SETTINGS).estimate
     for name in ("latent", "time_ns", "span_ns"):
         assert np.array_equal(getattr(now.estimate, name), getattr(whole, name))

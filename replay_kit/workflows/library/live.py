@@ -5,12 +5,13 @@
         now.feed([message])
     now.estimate.velocity_at(152.6, -40.0, 150.0)
 
-After the same messages the estimate equals that of a replay, bit for bit.
+After the same messages the estimate equals that of a replay, bit for bit. ``now.messages`` counts messages by topic and reason.
 """
 
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 
 from threadpoolctl import ThreadpoolController
@@ -33,6 +34,7 @@ from replay_kit.workflows.library.calls import (
     planned,
     settings_of,
 )
+from replay_kit.workflows.replay.account import LATE
 from replay_kit.workflows.replay.consistency import checked_speeds
 from replay_kit.workflows.replay.inputs.forecast import build, read_forecasts
 from replay_kit.workflows.replay.inputs.planner import PlanQuery
@@ -67,9 +69,10 @@ class Live:
             setup = Setup(build(forecasts, config), config, speeds=speeds)
         self._run = Run([setup], for_region(config, forecasts.ensemble).measurements, Stopwatch())
         self._run.follow_up = follow_up
+        self._late, self._latest_ns = Counter[tuple[str, str]](), 0
 
     def feed(self, messages: Iterable[Message], *, last: bool = False) -> None:
-        """Assimilate messages, in order of time.
+        """Assimilate messages, in order of time; one older than its predecessors by more than ``logs.reorder_window`` is excluded.
 
         Args:
             messages: One or more messages.
@@ -79,12 +82,18 @@ class Live:
             ConfigError: They are no messages.
             MeasurementError: Messages are unusable, or contradict each other and ``consistency.on_failure`` is ``stop``.
         """
-        block, last_ns = list(messages), self._run.last_ns
-        if foreign := {type(one).__name__ for one in block if not isinstance(one, Message)}:
+        given, block = list(messages), list[Message]()
+        if foreign := {type(one).__name__ for one in given if not isinstance(one, Message)}:
             raise ConfigError(f"feed: expected a list of Message, it holds {', '.join(foreign)}")
+        window_ns = self._run.config.logs.reorder_window * 1e9
+        for one in given:
+            if one.time_ns < self._latest_ns - window_ns:
+                self._late[one.topic, LATE] += 1
+            else:
+                block.append(one)
+                self._latest_ns = max(self._latest_ns, one.time_ns)
         if last:
-            last_ns = block[-1].time_ns if block else last_ns
-            block.append(Message(last_ns, "", END, {}, 0, 0))
+            block.append(Message(self._latest_ns, "", END, {}, 0, 0))
         with self._threads.limit(limits=self._run.config.output.threads):
             self._run.take(block)
 
@@ -93,6 +102,11 @@ class Live:
         """Estimate at the time of the last message, including observations that wait for their group."""
         with self._threads.limit(limits=self._run.config.output.threads):
             return self._run.finished().flow_now()
+
+    @property
+    def messages(self) -> dict[tuple[str, str], int]:
+        """Number of messages so far by topic and reason for exclusion, which is empty for used ones."""
+        return dict(self._run.vehicles[0].counts.messages) | self._late
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -19,6 +19,8 @@ from replay_kit.results.outcome.parts import evidence_part
 from replay_kit.workflows.replay.inputs.scan import Logs
 from replay_kit.workflows.replay.steps import Counts, counts_with
 
+#: Reason of a message that comes after the reorder window.
+LATE = "later than the reorder window allows"
 # Of a topic's pings; when more are lost, the summary begins with it.
 _MANY_LOST = 0.2
 # How the reasons begin for which a ping is lost that a setting would keep, and the setting.
@@ -68,7 +70,7 @@ class Account:
         for (topic, reason), count in self.counts.messages.items():
             reasons[topic][reason] += count
         for why, excluded in (
-            ("later than the reorder window allows", merged.late),
+            (LATE, merged.late),
             ("its stamp is far from its neighbours'", merged.astray),
         ):
             for topic, count in excluded.items():
