@@ -287,7 +287,9 @@ def ellipse_factor(count: int) -> float:
     return float(np.sqrt(2.0 * (count - 1) * (count + 1) * quantile / (count * (count - 2))))
 
 
-def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) -> MissionPlan:
+def with_odds(
+    plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float, to: str = ""
+) -> MissionPlan:
     """Return a plan with its odds in status and message.
 
     Args:
@@ -295,9 +297,10 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
         odds: Odds of the plan.
         arrive: Required fraction of arrivals for ``reached``; below it the status is ``uncertain``.
         risk: Accepted fraction of violations; above it the status is ``unsafe``.
+        to: What the flights head for, in words, if not the legs.
     """
     violating, status = 1.0 - odds.safe, plan.status
-    text = odds_text(plan, odds.count, odds.reached, odds.radius, odds.deadline)
+    text = odds_text(plan, odds.count, odds.reached, odds.radius, odds.deadline, to)
     if not plan.is_moored:
         text += arrival_text(plan, odds.arrival_median, odds.arrival_90_percent)
     text += violations_text(violating, odds.violations)

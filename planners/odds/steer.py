@@ -38,12 +38,10 @@ class Route:
 
     Attributes:
         places: Ends of legs, shape (L + 1, 2) [m].
-        angles: Glide angles, shape (L,) [rad].
-        depths: Dive depths, shape (L,) [m].
-        heading: Heading of the first dive [rad]; None to compute it.
-        goals: Goals in order, shape (G, 3) [m].
-        legs: Leg in which each goal is met, shape (G,); 0 for the start.
-        radius: Radius of each goal, shape (G,) [m].
+        angles, depths: Glide angles [rad] and dive depths [m], shape (L,).
+        heading: Of the first dive [rad]; None to compute it.
+        goals, radius: Goals in order, shape (G, 3), (G,) [m].
+        legs: Leg in which each is met, shape (G,); 0 for the start.
         direct: Whether each leg heads for the next goal.
         alone: Whether the glider steers itself by the DAC of its last dive.
         told: Current expected in the first dive, shape (K, 2) [m/s]; NaN or None for the true one.

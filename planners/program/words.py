@@ -156,9 +156,11 @@ def _longest_text(task: Task) -> str:
     return f"limit: max_duration = {settings.max_duration:g} s (--max-duration)"
 
 
-def odds_text(plan: MissionPlan, count: int, reached: float, radius: float, deadline: float) -> str:
-    """Return the odds of arriving as text."""
-    text = f"{round(reached * count)} of {count} simulated flights"
+def odds_text(
+    plan: MissionPlan, count: int, reached: float, radius: float, deadline: float, to: str = ""
+) -> str:
+    """Return the odds of arriving as text; ``to`` names what the flights head for, if not the legs."""
+    text = f"{round(reached * count)} of {count} simulated flights{to}"
     low, high = share_interval(reached, count)
     share = f"{100.0 * reached:.0f} %, 90 % interval {100.0 * low:.0f} to {100.0 * high:.0f} %"
     if plan.is_moored:

@@ -160,15 +160,16 @@ def test_a_list_that_is_withheld_names_the_tolerance_that_helps(flow, tmp_path, 
     def crossing(flow, plan, request, tolerance, samples):
         few, odds = waypoints_of(flow, plan, request, tolerance, samples)
         at = Violation("land", 0.0, 1, 152.5, -40.0)
-        return (few if (tolerance or 250.0) > 400.0 else replace(few, violation=at)), odds
+        return (few if tolerance == 62.5 else replace(few, violation=at)), odds
 
     monkeypatch.setattr(plans, "waypoints_of", crossing)
     places = tmp_path / "places.csv"
-    line = f"plan {flow} {ASK} --samples 0 --waypoints {places}"
+    line = f"plan {flow} {ASK} --samples 3 --waypoints {places}"
     withheld = invoke(line)
     assert (withheld.exit_code, places.exists()) == (7, False)
-    assert "the waypoints are not safe; --waypoint-tolerance 500 is safe" in withheld.output
-    succeed(f"{line} --waypoint-tolerance 500")
+    assert " of 3 simulated flights that head for the waypoints come up" in withheld.output
+    assert "the waypoints are not safe; --waypoint-tolerance 62.5 is safe" in withheld.output
+    succeed(f"{line} --waypoint-tolerance 62.5")
     assert places.exists()
 
 

@@ -205,8 +205,10 @@ def unsafe_reason(planned: PlannedMission) -> str | None:
         few.violation is not None or (job.risk is None and violating > job.accepted_risk)
     ):
         share = "" if few.violation else f" in {100.0 * violating:.0f} % of the samples"
-        other = "" if planned.helps is None else f"; --waypoint-tolerance {planned.helps:g} is safe"
-        return f"the waypoints are not safe{share}{other}"
+        other = "no other tolerance tried is, a larger --margin may be"
+        if planned.helps is not None:
+            other = f"--waypoint-tolerance {planned.helps:g} is safe"
+        return f"the waypoints are not safe{share}; {other}"
     if few is not None and made.status == "unsafe":
         return "waypoints of an unsafe plan"
     if job.risk is None or odds is None:

@@ -34,8 +34,8 @@ from replay_kit.workflows.planning.request import PlannedOn, check_samples, obje
 
 # An area counts that holds within so many times the duration of a mission, as samples of it may last longer.
 _LATE = 1.2
-# Wider tolerances of a list of waypoints that are tried where it is not safe, in its own.
-_WIDER = (2.0, 4.0, 8.0)
+# Other tolerances of a list of waypoints that are tried where it is not safe, in its own.
+_OTHERS = (2.0, 4.0, 8.0, 0.5, 0.25)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -326,7 +326,8 @@ def _judged(judge: _Judge, asked: _Asked, made: MissionPlan) -> PlannedMission:
         # one that was cut is to come to where it was cut
         flown = to_its_end(made) if made.status == "partial" else made
         odds = odds or mission_odds(judge.flow, drawn, flown, asked.request)
-        made = with_odds(made, odds, job.arrive, job.accepted_risk)
+        to = " that head for the waypoints" * (few is not None)
+        made = with_odds(made, odds, job.arrive, job.accepted_risk, to)
         if job.held:
             radius = made.settings.radius or made.settings.tolerance
             held = float((fly_mission(drawn, made)[1] <= radius).all(axis=1).mean())
@@ -341,9 +342,9 @@ def _is_safe(few: Waypoints, odds: MissionOdds | None, job: PlanRequest) -> bool
 
 
 def _other_tolerance(judge: _Judge, request: MissionRequest, made: MissionPlan) -> float | None:
-    """Return the first of some wider tolerances with a safe list [m]; a glider that may deviate further keeps steadier headings."""
+    """Return the first of some other tolerances with a safe list [m]: wider ones give steadier headings, smaller ones nearer tracks."""
     usual = judge.job.waypoint_tolerance or made.settings.tolerance
-    for tolerance in (times * usual for times in _WIDER):
+    for tolerance in (times * usual for times in _OTHERS):
         if not request.settings.is_late and _is_safe(
             *waypoints_of(judge.flow, made, request, tolerance, judge.drawn), judge.job
         ):

@@ -61,10 +61,10 @@ class PlanningState:
     """State of the planning stage.
 
     Attributes:
-        position: Last position; None before the first.
-        result: Last plan; None before the first, and if it failed.
+        position: Last position, if any.
+        result: Last plan; None before the first, or failed.
         failure: Reason of a failed last plan; empty otherwise.
-        expected: Start of the last plan [ns, UTC] and its predicted surfacing, until the vehicle has surfaced; None without.
+        expected: Start of the last plan [ns, UTC] and its predicted surfacing, until it has surfaced.
         outcomes: Predicted and actual surfacings.
         detection: Detection of surfacings.
         surfaced: Fix of a surfacing, until all observations of that time are assimilated; None otherwise.

@@ -171,11 +171,11 @@ class ForecastState:
     """State of the predicted surfacings.
 
     Attributes:
-        between: Positions since the last dive, for a log without a DAC so far; None after one.
-        model: State of the model after the dives so far; None before the first, as it is large.
+        between: Positions since the last dive of a log without a DAC so far; None after one.
+        model: State after the dives so far; None before the first, as it is large.
         persistence: Baseline prediction, as in the last dive.
         last: Last dive; None before the first.
-        pending: Outcome of the last dive between fixes, until the next one begins, as its DAC may be logged until then.
+        pending: Outcome of the last dive, until the next begins, as its DAC may be logged until then.
         outcomes: Outcomes of the dives so far.
         dives: Flight of each dive with known flight.
         local: State of the local correction; None before the first dive.

@@ -10,6 +10,9 @@ from replay_kit.workflows.planning.outputs import unsafe_reason
 SAFE, CROSSING = (SimpleNamespace(violation=violation) for violation in (None, "crosses land"))
 
 
+NO_OTHER = "no other tolerance tried is, a larger --margin may be"
+
+
 @pytest.mark.parametrize(
     ("waypoints", "status", "risk", "safe", "why"),
     [
@@ -17,9 +20,15 @@ SAFE, CROSSING = (SimpleNamespace(violation=violation) for violation in (None, "
         (None, "unsafe", None, None, None),
         (SAFE, "reached", None, None, None),
         (SAFE, "unsafe", None, None, "waypoints of an unsafe plan"),
-        (CROSSING, "reached", 0.1, 1.0, "the waypoints are not safe"),
+        (CROSSING, "reached", 0.1, 1.0, f"the waypoints are not safe; {NO_OTHER}"),
         (SAFE, "reached", 0.1, 0.9, None),
-        (SAFE, "reached", None, 0.8, "the waypoints are not safe in 20 % of the samples"),
+        (
+            SAFE,
+            "reached",
+            None,
+            0.8,
+            f"the waypoints are not safe in 20 % of the samples; {NO_OTHER}",
+        ),
         (SAFE, "reached", 0.3, 0.8, None),
         (
             SAFE,
