@@ -81,12 +81,13 @@ def test_whatever_a_dataset_can_be_made_of_is_a_table(table, expected):
             r"^measurements\['time'\]: .* outside 1970\.\.2262",
         ),
         ({"time": 1_542_330_000}, r"^measurements\['time'\]: .* got what would be seconds"),
+        ({"u": ["bad"] * 48}, "^u: could not convert string to float: 'bad'; give numbers"),
         ({"time": np.arange(48)}, r"^measurements\['time'\]: .* got 0; give text"),
     ],
 )
 def test_errors_of_a_table_name_its_column(change, words):
     table = {name: one for name, one in (_columns() | change).items() if one is not None}
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(rk.ReplayKitError, match=words):
         rk.replay(table, _dataset(), settings=SETTINGS)
 
 

@@ -31,15 +31,15 @@ class LogFormat:
     """Log format. Functions are given as ``module:name``, imported on demand; a module of this room begins with a point.
 
     Attributes:
-        name: Name in ``info``; a reader may be more specific.
+        name: Name in ``info``.
         title: Description of such a file.
         reader: Creates the reader of a file, from a list of it, input, configuration and wanted messages, as ``open_log``; of a grouped
             format the readers of all its files, from these and the configuration.
         magic: Pattern of the first bytes of a file; empty if not specific.
         recognises: Returns whether the first 64 kB of a file are of the format; None if the magic bytes suffice.
         endings: Pattern of file names in a folder; empty if a folder's files are ignored.
-        unchecked: Part of each message without a checksum; empty if all is covered or the reader counts it.
-        grows: Whether it is written message by message, and may grow while it is read.
+        unchecked: Part of each message without a checksum; empty if the reader counts it.
+        grows: Whether it may grow while it is read.
         grouped: Whether several files may be one log.
         damaged_by_name: Whether a file with a damaged beginning is recognised by its name.
     """

@@ -104,7 +104,10 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
         unit: Unit if the file states none that is known; ``nmea``, degrees and minutes (ddmm.mmm), overrides the file. Empty for the stated
             one.
     """
-    values, stated = stored.unpacked(), stored.units
+    try:
+        values, stated = stored.unpacked(), stored.units
+    except ValueError as error:
+        raise LogError(f"{name}: {error}; give numbers") from error
     key = re.sub(r"\s+|\*\*", "", stated.lower())
     if unit and (unit == "nmea" or _factor(quantity.unit, key) is None):
         stated = key = unit
