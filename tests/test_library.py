@@ -37,6 +37,7 @@ def test_a_replay_is_one_call_and_its_answer_one_more(result):
     used = result.outcome.observations["used"]
     assert used == (result.observations["decision"] == "accepted").sum() > 20
     assert repr(result.outcome).startswith(result.outcome.verdict.word)
+    assert f"estimate: {result.outcome.verdict};" in repr(result)
 
 
 def test_what_is_opened_is_what_was_made(result, tmp_path):

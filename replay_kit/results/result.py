@@ -56,7 +56,7 @@ class ResultFile:
 
     def __repr__(self) -> str:
         """Return the contents of the result as text."""
-        held = "estimate" if self.has_estimate else "no estimate"
+        held = f"estimate: {self.outcome.verdict}" if self.has_estimate else "no estimate"
         ends, topics = self.reader.summary.statistics, self.reader.topics
         assert ends is not None
         tables = {

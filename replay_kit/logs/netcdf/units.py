@@ -107,7 +107,7 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
     try:
         values, stated = stored.unpacked(), stored.units
     except ValueError as error:
-        raise LogError(f"{name}: {error}; give numbers") from error
+        raise LogError(f"{name}: expected numbers, got texts") from error
     key = re.sub(r"\s+|\*\*", "", stated.lower())
     if unit and (unit == "nmea" or _factor(quantity.unit, key) is None):
         stated = key = unit

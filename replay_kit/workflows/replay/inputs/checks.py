@@ -1,10 +1,9 @@
 """Checks of a replay's inputs without an estimate; they raise the errors of the replay.
 
-They are the replay itself with an estimator that only screens observations; used by ``info``, ``replay --dry-run`` and ``fleet --dry-run``.
-A dry run also estimates memory and time of a replay. ``info`` with an ensemble adds the likelihood of the log's profiles: the ensemble
-states the distribution of currents before any observation. Under that Gaussian and the stated errors the profiles have a likelihood, as
-logged and with each usual fault undone. A fault that makes the log far less likely is reported as a warning, since the ensemble may be
-wrong instead.
+They are the replay with an estimator that only screens observations; used by ``info``, ``replay --dry-run`` and ``fleet --dry-run``. A dry
+run also estimates memory and time. ``info`` with an ensemble adds the likelihood of the log's profiles, as logged and with each usual fault
+undone: under the ensemble's Gaussian and the stated errors. A fault that makes the log far less likely is a warning, since the ensemble
+may be wrong instead.
 """
 
 import math
