@@ -41,7 +41,7 @@ class TimeConfig(Section):
     Attributes:
         scale: Decorrelation time of the forecast error [s]; auto: from the ensemble's change between its times; static:
             the current does not change.
-        window: Time within which profiles that repeat each other are combined into one update [s], for logs of 1 to 10 Hz; 0: none;
+        window: Time within which profiles that repeat each other are combined [s], for logs of 1 to 10 Hz; 0: none;
             auto: by the current's change.
         oscillators: Oscillations uniform over the region with their own depth structure: inertial, M2, S2, K1, O1.
         biases: Instrument errors to estimate: heading, scale, shear.

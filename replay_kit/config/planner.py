@@ -33,10 +33,8 @@ class DiveSettings:
         speed: Speed through water [m/s].
         depth: Depth of dives [m].
         yos: Yos between surfacings.
-        min_angle: Shallowest glide angle [degrees].
-        max_angle: Steepest glide angle [degrees].
-        depths: Range of depths, if stated [m].
-        speeds: Range of speeds, if stated [m/s].
+        min_angle, max_angle: Shallowest and steepest glide angle [degrees].
+        depths, speeds: Ranges, if stated [m], [m/s].
         surface_time: Duration of drift at each surfacing [s].
         radius: Radius of a goal [m]; None for the tolerance.
         speed_spread: Relative spread of the speed; 0 if unknown.
@@ -235,7 +233,10 @@ class PlannerConfig(Section):
         if self.kind != "glide" and asked:
             if shape and dives.depth == flown.depth:
                 shape.append(f"{flown.duration / 3600.0:.1f} h")
-            shape += [] if self.min_angle else [f"{dives.min_angle:.0f} degrees"]
+            if not self.min_angle:
+                # the shallowest is as flown, and a plan may choose steeper ones
+                angles = dict.fromkeys(f"{a:.0f}" for a in (dives.min_angle, dives.max_angle))
+                shape.append(f"{' to '.join(angles)} degrees")
         return f"{by}: {', '.join(asked + shape)}" if asked + shape else ""
 
     def resolved(self, of_glider: bool) -> Self:

@@ -85,12 +85,14 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
 
 
 def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(replayed, tmp_path):
-    """The twin glides at 0.3 m/s and 19 degrees to the last level, of 300 m; its depth is stated here, its speed is not."""
-    path, words = replayed[0], "as flown: 0.30 m/s, 19 degrees"
+    """The twin glides at 0.3 m/s and 19 to 35 degrees to the last level, of 300 m; its depth is stated here, its speed is not."""
+    path, words = replayed[0], "as flown: 0.30 m/s, 19 to 35 degrees"
     result = rk.open_result(path)
     plans, held = result.plans, read_held(result.reader)
     # the first one is made when the first dive has ended
-    assert plans["message"].iloc[0].endswith("; as flown in a single dive: 0.30 m/s, 19 degrees")
+    assert (
+        plans["message"].iloc[0].endswith("; as flown in a single dive: 0.30 m/s, 19 to 35 degrees")
+    )
     assert plans["message"].iloc[1:].str.endswith(f"; {words}").all()
     flown = AsFlown.in_metadata(held.metadata)
     found = flown.speed, flown.glide_angle_deg, flown.depth, flown.dives
@@ -108,7 +110,9 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(repla
     assert (made["statistics"]["dives"], "dives" in stated["statistics"]) == (words, False)
     # the dives went as deep, and so do those of a plan that states nothing, which begins at the last fix and leads to the run's goal
     whole = said(path, places)
-    assert whole["message"].endswith("; as flown: 0.30 m/s, dives to 290 m, 1.6 h, 19 degrees")
+    assert whole["message"].endswith(
+        "; as flown: 0.30 m/s, dives to 290 m, 1.6 h, 19 to 35 degrees"
+    )
     assert said(path)["legs"] == whole["legs"]
     # a saved estimate knows its vehicle too
     about = result.estimate.about | {AS_FLOWN: json.dumps(flown.to_record())}
