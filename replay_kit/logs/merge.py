@@ -16,6 +16,8 @@ from replay_kit.core.message import Message, RawMessage
 from replay_kit.core.words.quantities import CLOCKS, EARLIEST_NS
 from replay_kit.core.words.text import time_text
 
+#: End of the anomaly of times that the messages' own stamps mend.
+BY_HEADER = "--clock header reads these"
 # What the times of one message may differ by: a year [ns].
 _APART_NS = 366 * 86_400 * 10**9
 _MAX_NS = 2**63 - 1
@@ -69,7 +71,7 @@ def doubtful_times(
         return ""
     stamp = stated[0][1] if stated else 0
     if abs(apart) > _APART_NS and EARLIEST_NS <= stamp <= latest:
-        return f"{odd}; by the stamps in the messages it is {time_text(stamp)}: --clock header reads these"
+        return f"{odd}; by the stamps in the messages it is {time_text(stamp)}: {BY_HEADER}"
     for unit, factor in CLOCKS.items():
         if EARLIEST_NS <= first_ns * factor <= min(latest, EARLIEST_NS * 4):
             return f"{odd}; as if {unit} were taken for nanoseconds: that would be {time_text(first_ns * factor)}; correct the recorder"

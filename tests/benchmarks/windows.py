@@ -1,10 +1,8 @@
 """A mission along a shelf, longer than a window: the error of windows that follow the vehicle beside that of one window alone.
 
 The sea is a random stream function of eddies, part of which the members share; the truth is one more draw. It has five functions of depth
-on six levels, cosines with the variance of each 0.3 times that of the one before. With two functions, as it had once, 50 members span 98
-modes, and no forecast of several levels is so poor: over 3,600 points such a basis leaves out most of the truth, its standard errors
-know nothing of that, and what windows hand over is wrong by several of them. The vehicle crosses the whole strip in a zigzag. The peer is
-an estimator of the middle third, with the measurements there: what a user would get who splits the mission.
+on six levels, cosines with the variance of each 0.3 times that of the one before: with two, 50 members span 98 modes and leave out most of
+the truth. The vehicle crosses the whole strip in a zigzag. The peer is an estimator of the middle third, with the measurements there.
 """
 
 import time

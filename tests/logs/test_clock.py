@@ -107,6 +107,7 @@ def test_info_names_times_that_no_mission_has(tmp_path, time, stamp, words):
     for command in ("info log.mcap", "info log.mcap --full"):
         said = run_command(tmp_path, command).stdout
         assert all(each in said for each in words)
+        assert ("--clock header -o" in said) == (READS in said)
         assert ("the log begins" in said or "the log ends" in said) == bool(words)
     if READS in words:
         assert "the log " not in run_command(tmp_path, "info log.mcap --clock header").stdout

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.words.text import count_text
+from replay_kit.logs.merge import BY_HEADER
 from replay_kit.logs.opening import pattern
 from replay_kit.logs.payloads import merged_notes
 from replay_kit.logs.tables.schemas import NOT_A_KIND
@@ -261,6 +262,8 @@ def _content_lines(log: LogInfo) -> Iterator[str]:
         yield f"Currents by radar, drifters or other sensors: {content.surface} measurements"
     if content.depths is not None:
         yield f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m"
+    elif content.profiles:
+        yield "Bins: none usable; replay-kit qc names the tests that they fail"
 
 
 def _counts(content: LogContent) -> str:
@@ -304,7 +307,9 @@ def next_command(
         for files in (paths, ensemble or [Path("FORECAST.nc")])
     )
     if asks_for_replay(logs):
-        settings = "".join(f"{shlex.quote(word)} " for word in options)
+        notes = (note for log in logs for note in log.report.notes)
+        mended = ("--clock", "header") * any(note.endswith(BY_HEADER) for note in notes)
+        settings = "".join(f"{shlex.quote(word)} " for word in (*options, *mended))
         return [f"Next: replay-kit replay {given} --ensemble {forecast} {settings}-o RESULT.mcap"]
     if results := [log.files[0] for log in logs if log.is_result]:
         return [f"Next: replay-kit report {shlex.quote(str(results[0]))}"]

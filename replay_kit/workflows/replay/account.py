@@ -37,6 +37,8 @@ _KEEPING = (
     ("velocity relative to the platform", "measurements.use_relative = true"),
     ("cannot be decoded: row without a time or a place", "both, stated for each row,"),
 )
+# What some reasons of bins mean.
+_LIMITS = {"gross_range": " (a component beyond measurements.max_speed: check its unit)"}
 # Kinds of measurements in words.
 _NAMES = {"dac": "mean currents of dives", "drift": "drifts at the surface"}
 # Topics named when a log cannot be used; `replay-kit info` names all.
@@ -114,7 +116,10 @@ class Account:
                 "Use another ensemble, or --place-ensemble for a study"
             )
         if rejected := counts.total.rejected:
-            why = ", ".join(f"{n} values {name}" for name, n in counts.bins_rejected.items())
+            why = ", ".join(
+                f"{n} values {name}{_LIMITS.get(name, '')}"
+                for name, n in counts.bins_rejected.items()
+            )
             what = ", ".join(
                 f"{sums.rejected} {_NAMES.get(kind, kind)}"
                 for kind, sums in counts.kinds.items()

@@ -179,6 +179,12 @@ def test_a_plan_alone_is_a_result_to_be_opened(tmp_path):
     assert said.splitlines()[-1] == f"Next: replay-kit report {tmp_path}/plan.mcap"
 
 
+def test_pings_of_which_no_bin_can_be_used_lead_to_their_quality_control(tmp_path):
+    log = tmp_path / "fast.mcap"
+    log.write_bytes(json_mcap(rows_of(fix(0), ping(1, n_cells=1, velocity=[[20.0] * 3]))))
+    assert "Bins: none usable; replay-kit qc" in invoke(f"info {log}").stdout
+
+
 def test_a_netcdf_file_of_no_known_dialect_is_rows_and_without_rows_no_log(tmp_path):
     track = made.samples(600.0)
     rows = {"t": track["time"], "lat": track["latitude"], "lon": track["longitude"]}

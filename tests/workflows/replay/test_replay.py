@@ -125,14 +125,17 @@ def test_dives_that_are_not_stated_reach_their_goal_as_far_as_the_forecast():
 LOGS = {
     "empty.mcap": [],
     "camera.mcap": [Message(1, "/camera", "sensor_msgs/msg/Image", {"x": 1}, 0, 0)],
-    "missing.mcap": [
-        message
-        for k in range(3)
-        for message in (
-            fix(k, 152.3, -39.8),
-            ping(k, n_cells=2, velocity=[[None] * 3] * 2),
-        )
-    ],
+    **{
+        f"{name}.mcap": [
+            message
+            for k in range(3)
+            for message in (
+                fix(k, 152.3, -39.8),
+                ping(k, n_cells=2, velocity=[[speed] * 3] * 2),
+            )
+        ]
+        for name, speed in (("missing", None), ("centimetres", 20.0))
+    },
 }
 
 
@@ -143,6 +146,12 @@ LOGS = {
         ("empty.mcap", {}, MeasurementError, "no messages at all"),
         ("camera.mcap", {}, MeasurementError, r"Found: /camera \(1"),
         ("missing.mcap", {}, MeasurementError, "3 profiles, none usable: 6 values missing"),
+        (
+            "centimetres.mcap",
+            {},
+            MeasurementError,
+            r"range \(a component beyond .*: check its unit",
+        ),
         ("survey.mcap", {"truth": "absent.nc"}, ForecastError, "no such file"),
         ("survey.mcap", {"goal": Place(160.0, -39.8, 100.0)}, PlanError, "outside"),
         ("survey.mcap", {"goal": Place(152.3, -39.8, 5000.0)}, PlanError, "deep"),
