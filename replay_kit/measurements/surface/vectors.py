@@ -103,11 +103,13 @@ def _radar_measurements(
     row: Vectors, label: Label, config: MeasurementConfig, _: Any
 ) -> tuple[Linear, str]:
     """Return the measurements of radar vectors of one time, or the reason for exclusion."""
-    good = np.abs(row["value"]).max(axis=1) <= config.max_speed
+    inside = _inside(config, row["longitude"], row["latitude"])
+    if not np.any(inside):
+        return [], "no vector within the ensemble's box"
+    good = inside & (np.abs(row["value"]).max(axis=1) <= config.max_speed)
     good &= config.quality.use_suspect | ~row["suspect"]
-    good &= _inside(config, row["longitude"], row["latitude"])
     if not good.any():
-        return [], "no vector slower than measurements.max_speed within the ensemble's box"
+        return [], "no vector slower than measurements.max_speed"
     label, spacing = replace(label, kind=row["kind"]), config.surface_spacing or _SPACING
     return superobservations(_part(row, good), label, spacing, _tide_of(config)), ""
 

@@ -46,12 +46,12 @@ class PlannedMission:
         job: Request of the plan.
         on: Inputs of the plan.
         plan: The mission.
-        odds: Odds of a glider steered along it or its waypoints; None without samples or legs.
-        waypoints: Short list of waypoints; None if not requested, or without legs.
+        odds: Odds along it or its waypoints; None without samples or legs.
+        waypoints: List of waypoints; None if not requested, or without legs.
         notes: Notes for the user.
         drawn: Number of samples drawn.
-        helps: Tolerance of another, safe list of waypoints [m]; None if this one is safe, or none was found.
-        held: Fraction of samples that arrive with headings held at every surfacing; None if not requested.
+        helps: Tolerance of another, safe list [m]; None if this one is safe, or none was found.
+        held: Fraction that arrives with headings held; None if not requested.
         departures: Missions of the compared departures, in order.
     """
 

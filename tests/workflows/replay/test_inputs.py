@@ -72,6 +72,15 @@ def test_only_positions_of_the_chosen_span_place_an_ensemble(log, span, longitud
         ahead(log, start="2026-01-02")
 
 
+def test_radars_alone_place_an_ensemble_at_their_vectors(tmp_path):
+    vectors = {name: [0.1, 0.1] for name in ("speed", "direction", "error")}
+    vectors |= {"longitude": [151.9, 152.1], "latitude": [-40.0, -40.0], "depth": 2.0}
+    vectors["averaged"] = 3600.0
+    radar = Message(START, "/radar", "replay_kit.RadarCurrents", vectors, 0, 0)
+    at, _ = ahead(written(tmp_path / "log.mcap", [radar]))
+    assert at == pytest.approx((152.0, -40.0), abs=0.01)
+
+
 def test_late_messages_are_left_out_as_in_the_replay(tmp_path):
     longitudes = 152.0, 153.0, 154.0, 170.0
     fixes = [fix(t, x, -40.0) for t, x in zip((0, 10, 20, 5), longitudes, strict=True)]

@@ -128,12 +128,14 @@ class Logs:
     def reach(self) -> Reach:
         """Places, depth and period of the vehicles and observations of a replay, from one pass over all messages."""
         found, deepest, spans = dict[tuple[int, int], None](), [0.0], list[int]()
-        # of positions and of profiles their number, and the sums of directions and latitudes
-        sums = np.zeros((2, 3), np.complex128)
+        # of positions, profiles and radar currents their number, and the sums of directions and latitudes
+        sums = np.zeros((3, 3), np.complex128)
         for times, block in self.measured():
             spans += [int(times.min()), int(times.max())]
+            vectors = np.hstack([np.empty((2, 0)), *(one.value_places for one in block.linear)])
+            sums[2] += vectors.shape[1], np.exp(1j * np.deg2rad(vectors[0])).sum(), vectors[1].sum()
             for sums_of_kind, (kind, columns) in zip(
-                sums, ((POSITION, block.position), (PING, block.ping)), strict=True
+                sums, ((POSITION, block.position), (PING, block.ping)), strict=False
             ):
                 if (rows := block.events[block.events[:, 1] == kind, 2]).size:
                     places = np.stack([columns[name][rows] for name in ("longitude", "latitude")])
@@ -146,7 +148,7 @@ class Logs:
                     cells = np.rint(places.T * _PER_DEGREE).astype(np.int64)
                     found |= dict.fromkeys(map(tuple, cells.tolist()))
                     deepest.append(float(np.fmax.reduce(columns["depth"][rows], None, initial=0.0)))
-        n, direction, latitude = sums[0] if sums[0, 0] else sums[1]
+        n, direction, latitude = next((one for one in sums if one[0]), sums[0])
         middle = (float(np.rad2deg(np.angle(direction))), float((latitude / n).real)) if n else None
         each = np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
         first_ns, last_ns = self.config.logs.start_ns, self.config.logs.end_ns
