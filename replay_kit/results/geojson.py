@@ -152,14 +152,17 @@ def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
         role, what = ("fence", "fence") if area.fence else ("no_go", "no-go area")
         yield placed_feature("Polygon", rings, role, f"{what} {area.name}", of_area)
     ellipses = planned_ellipses(plan.legs)
+    # a plan is of the time when it was made, its surfacings are at theirs
+    ends = [time_text(plan.start_time_ns + round(1e9 * leg["surfacing_s"])) for leg in plan.legs]
     for number, ellipse in enumerate(ellipses, start=1):
         last = number == len(ellipses)
         role, name = "ellipse" if number == 1 or last else "between", f"planned surfacing {number}"
-        yield _ring(ellipse, projection, role, f"90 % ellipse of {name}", {**made, "last": last})
-    for leg in plan.legs[:-1]:
-        surfaces = time_text(plan.start_time_ns + round(1e9 * leg["surfacing_s"]))[:16]
+        about = {**made, "last": last, "surfaces": ends[number - 1]}
+        yield _ring(ellipse, projection, role, f"90 % ellipse of {name}", about)
+    for leg, end in zip(plan.legs[:-1], ends, strict=False):
         steer = f"{leg['heading_deg']:03.0f}° true, to {leg['depth_m']:.0f} m"
-        about = {**made, "description": f"{surfaces.replace('T', ' ')}, {steer}"}
+        words = f"{end[:16].replace('T', ' ')}, {steer}"
+        about = {**made, "surfaces": end, "description": words}
         at_leg = point(leg["longitude"], leg["latitude"], projection)
         yield placed_feature("Point", at_leg, "planned", f"planned surfacing {leg['leg']}", about)
     goals = [*plan.via, plan.goal]
@@ -226,7 +229,8 @@ def _surfacing_features(contents: "Contents") -> Iterator[Feature]:
             yield placed_feature("Point", place, kind, f"surfacing, {kind}", about)
         ellipse = Ellipse(*(row[name] for name in _ELLIPSE))
         if np.isfinite(ellipse.major):
-            yield _ring(ellipse, projection, "past", "90 % ellipse of a surfacing", time)
+            past = {**time, "surfaces": time["time"]}
+            yield _ring(ellipse, projection, "past", "90 % ellipse of a surfacing", past)
 
 
 def _line(

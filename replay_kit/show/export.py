@@ -290,7 +290,7 @@ def _placemark(item: Feature) -> str:
     )
     said = about.get("description")
     text = "" if said is None else f"<description>{escape(said)}</description>"
-    when = about.get("time", "") if kind == "Point" else ""
+    when = about.get("surfaces", about.get("time", "") if kind == "Point" else "")
     time = f"<TimeStamp><when>{when}</when></TimeStamp>" if when else ""
     shape = _shape(kind, item["geometry"]["coordinates"], about.get("coordTimes", ()))
     return (

@@ -147,7 +147,7 @@ def test_surfacings_have_points_and_counter_clockwise_ellipses(tmp_path, innovat
     assert actual["geometry"]["coordinates"] == [5.01, 62.0]
     about = {"name": "surfacing, actual", "time": TIMES[0], "distance_m": 12.5}
     assert actual["properties"].items() >= about.items()
-    assert texts(root, f"{KML}when") == TIMES[:1] * 2
+    assert texts(root, f"{KML}when") == TIMES[:1] * 3
     x, y = np.array(ellipse["geometry"]["coordinates"][0]).T
     assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0.0
 

@@ -144,6 +144,8 @@ def test_geojson_kml_and_the_channel_hold_areas_and_ellipses(contents, tmp_path)
     outer, _, inner = (tmp_path / "x.kml").read_text().partition("<innerBoundaryIs>")
     assert "5.0200000,62.0100000 5.0400000,62.0100000" in outer
     assert "5.0300000,62.0120000" in inner
+    # an ellipse is shown when the glider comes up
+    assert f"<when>{found[3]['properties']['surfaces']}<" in inner
     ((_, value),) = decoded(contents.result.path)["/plan/geojson"]
     drawn_ones = sorted(json.loads(value.geojson)["features"], key=str)
     assert drawn_ones == sorted(features_of(contents), key=str)
