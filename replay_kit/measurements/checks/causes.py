@@ -36,7 +36,7 @@ UNDECIDED = "two sources of the current contradict each other, and the cause is 
 SCALE = "scale of the velocities"
 OFFSET = "constant offset between two sources of the current"
 DRIFT = "drift between two sources of the current"
-MEANS = "mean currents"
+MEANS = "repeated mean currents"
 RECKONED = "mean currents and dead reckoning contradict each other"
 #: Of an instrument whose profiles are not used.
 UNUSED = "profiles are not used"

@@ -74,7 +74,8 @@ def decide(outcome: "Outcome") -> Verdict:
         ("no observation was used", not outcome.observations["used"] and not error),
     )
     doubtful = (
-        ("part of the log was lost", 4 in outcome.exit_codes),
+        ("part of the log was lost", (4 in outcome.exit_codes and outcome.losses) or outcome.late),
+        *((f"{name}: {why}", True) for name, why in outcome.unused.items()),
         (outcome.lost_pings, bool(outcome.lost_pings)),
         ("the requested risk cannot be met", 7 in outcome.exit_codes),
         (errors_text(outcome), doubtful_errors(outcome)),

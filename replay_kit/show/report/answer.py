@@ -236,7 +236,7 @@ def _against_forecast(outcome: Outcome) -> Light:
     gain = sentence(forms, rms, "rms_innovation.").parts
     fits = before <= prior and not outside
     return Light(
-        "fits forecast" if fits else "misfits forecast",
+        "fits forecast" if fits else "does not fit forecast",
         "good" if fits else "care",
         Sentence([*gain, f"; {outside}." if outside else "."]),
         ("dives", "error"),

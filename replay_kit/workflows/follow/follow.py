@@ -72,11 +72,11 @@ def follow(
         config: The run's settings.
         planner_of: Factory of the planner.
         options: Options for following.
-        clock: Clock; None for the system clock.
+        clock: None for the system clock.
 
     Raises:
-        ForecastError: The forecast cannot be used for the first replay.
-        ConfigError: An output cannot be written, another process follows into it, or the goal's file cannot be read at the beginning.
+        ForecastError: It cannot be used for the first replay.
+        ConfigError: An output cannot be written, another process follows into it, or the goal's file is unreadable.
     """
     if "when" not in config.planner.model_fields_set:
         planner = config.planner.model_copy(update={"when": "surfacing"})

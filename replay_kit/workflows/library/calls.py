@@ -169,8 +169,11 @@ def replay(
         held.name(error)
         raise
     if 4 in outcome.exit_codes:
-        lost = f"{len(outcome.losses)} damaged parts of the logs, {outcome.late} late messages"
-        warnings.warn(f"lost: {lost}; result.outcome.losses lists it", stacklevel=2)
+        lost = (
+            f"lost: {len(outcome.losses)} damaged parts of the logs, {outcome.late} late messages"
+        )
+        unused = [f"{name}: {why}" for name, why in outcome.unused.items()]
+        warnings.warn("; ".join(unused) or lost, stacklevel=2)
     if 6 in outcome.exit_codes:
         warnings.warn("; ".join(map(finding_text, outcome.consistency)), stacklevel=2)
     result = as_pooled(Result(file, outcome))

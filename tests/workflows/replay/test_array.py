@@ -189,10 +189,11 @@ def test_vehicles_that_share_no_estimate_are_refused_by_name(logs, tmp_path, cha
 
 def test_a_vehicle_without_a_fix_is_named(logs, tmp_path):
     blind = moved(logs["sg2"], tmp_path / "blind.mcap", without=POSITIONS)
-    with pytest.warns(UserWarning, match="lost"):
+    with pytest.warns(UserWarning, match="sg2: no position"):
         found = rk.replay(logs | {"sg2": blind}, ENSEMBLE, settings=SETTINGS)
     assert list(found.outcome.vehicles) == ["sg1", "sg3"]
-    assert "no position" in found.outcome.unused["sg2"]
+    (why,) = found.outcome.verdict.reasons
+    assert why == f"sg2: {found.outcome.unused['sg2']}"
     assert found.outcome.exit_code == 4
 
 
