@@ -144,7 +144,7 @@ class Contents:
 
     @cached_property
     def dive_depth(self) -> float:
-        """Depth of the vehicle's dives [m]: planned, as flown, of the track, or of the deepest published current."""
+        """Depth of the vehicle's dives [m]: planned, as flown, of the track, or of the deepest published current, for radars the first."""
         plan, flown = self.last_plan, self.flown
         if plan is not None and plan.legs:
             return max(float(leg["depth_m"]) for leg in plan.legs)
@@ -153,7 +153,11 @@ class Contents:
         deepest = float(np.nanmax(self.track.depth, initial=0.0))
         if deepest > 1.0:
             return float(np.ceil(deepest))
-        return 10.0 if self.slices is None else float(max(self.slices.depths[-1], 1.0))
+        if self.slices is None:
+            return 10.0
+        # radars and drifters know nothing of the depth below
+        below = self.bins.profiles or len(self.mean_currents)
+        return float(max(self.slices.depths[-1 if below else 0], 1.0))
 
     @cached_property
     def dive_mean(self) -> Array | None:
