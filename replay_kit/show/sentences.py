@@ -198,7 +198,7 @@ def source_sentence(row: Mapping[str, Any], at: str = "") -> Sentence:
         "NIS per value {nis_per_dof:.2f}"
     )
     said = (
-        f"{SOURCES[row['kind']]}: {{used}} measurements used ({{values}} values), {{rejected}} rejected",
+        f"{SOURCES[row['kind']]}: {{used}} measurement{'s' * (row['used'] != 1)} used ({{values}} values), {{rejected}} rejected",
         *([compared] if row["rms_prior"] is not None else []),
         *(f"{{doubts.{k}}}" for k in range(len(row["doubts"]))),
     )
