@@ -180,7 +180,7 @@ def times_of(file: NetcdfFile, name: str, notes: list[str]) -> Times:
         return np.where(np.isnat(stored.values), 0, dated)
     texts = stored.texts()
     if texts and not np.isfinite(as_number(next(filter(None, texts), ""))):
-        notes.append(f"{name}: times are texts, taken as UTC")
+        notes.append(f"{name}: texts, UTC unless they state an offset")
         seconds_of = _seconds_of(texts, f"{file.path}: {name}")
         stored = Stored(seconds_of, {"units": "seconds since 1970-01-01"}, stored.dims[:1])
     units, match, plain = stored.units, _SINCE.fullmatch(stored.units), stored.unpacked()
