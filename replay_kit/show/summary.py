@@ -115,7 +115,7 @@ def _dive_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
         "" if row[name] is None else f"{100.0 * row[name]:.2f}"
         for name in ("rms_innovation_predicted", "rms_innovation_prior")
     )
-    counts = (str(row[name]) for name in ("dive", "profiles", "bins", "mean_currents"))
+    counts = (str(row.get(name, "")) for name in ("dive", "profiles", "bins", "mean_currents"))
     return *counts, *rms, "" if row["nis_per_dof"] is None else f"{row['nis_per_dof']:.2f}"
 
 

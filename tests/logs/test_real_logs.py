@@ -7,8 +7,8 @@ from tests.record import measured, record
 
 #: Takes some seconds each.
 _SLOW = ("adcp/RDI_withBT.000", "adcp/vmdas01_wh.ENX")
-#: Of which more, or better, is said than 0.3 did: positions of poses, and those before the first fix.
-_BETTER = ("logs/ardusub/small.tlog", "slocum/*.?bd")
+#: Of which more, or better, is said than 0.3 did: positions of poses, and those before the first fix; currents of no dive.
+_BETTER = ("logs/ardusub/small.tlog", "slocum/*.?bd", "glider/og1_sp028_20230202T1637_R.nc")
 
 
 @needs(DATA)

@@ -84,12 +84,14 @@ def _result(path: Path) -> dict[str, Any]:
         succeed(["export", str(path), "-o", str(track), "--table", "track"])
         exported = pd.read_csv(track, comment="#")
         title = page.read_text().partition("<title>")[2].partition("</title>")[0]
+    held = {name: getattr(result, name) for name in _TABLES}
+    # 0.3 counted mean currents as profiles
+    both = held["dives"][["profiles", "mean_currents"]].sum(axis=1)
+    held["dives"] = held["dives"].assign(profiles=both)
     return {
         "vehicles": list(result.vehicles),
         "title": title,
-        "tables": {
-            name: _sums(getattr(result, name), columns) for name, columns in _TABLES.items()
-        },
+        "tables": {name: _sums(held[name], columns) for name, columns in _TABLES.items()},
         "exported": _sums(exported, _TABLES["fixes"]),
         "estimates": _opened(lambda: [_estimate(flow) for flow in result.estimates]),
     }

@@ -164,7 +164,8 @@ def _check_exports(contents: Contents, folder: Path, tables: set[str]) -> None:
     ElementTree.parse(folder / "out.kml")
 
 
-def test_of_radars_alone_the_map_shows_the_first_depth(tmp_path, flow):
-    contents = write(tmp_path / "r.mcap", flow, [], None, depth=float("nan"))
+def test_of_radars_alone_the_map_shows_the_first_depth(tmp_path, flow, innovation):
+    radar = replace(innovation, mean_kind="radar")
+    contents = write(tmp_path / "r.mcap", flow, [radar], None, depth=float("nan"))
     first, *_, last = contents.slices.depths
     assert contents.dive_depth == max(first, 1.0) < last

@@ -37,7 +37,7 @@ _CTD = "depth temperature salinity conductivity pressure dive"
 _DRIFTER = "longitude latitude depth error"
 _RADAR = "longitude latitude value error_std direction suspect depth averaged error_length kind"
 Payloads = Sequence[Payload]
-_WHOLE_METRES = "cell_depth is 0 whole metres: state the size of cells in a [[measurements.map]]"
+_WHOLE_METRES = "cell_depth is 0, for cells below 1 m: state their size in a [[measurements.map]]"
 _NUCLEUS = (
     "profile along three beams (Nortek Nucleus), whose directions and heading it does not state"
 )

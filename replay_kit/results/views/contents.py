@@ -156,7 +156,7 @@ class Contents:
         if self.slices is None:
             return 10.0
         # radars and drifters know nothing of the depth below
-        below = self.bins.profiles or len(self.mean_currents)
+        below = self.bins.profiles or len(self.mean_currents) or not self.measured.count
         return float(max(self.slices.depths[-1 if below else 0], 1.0))
 
     @cached_property
