@@ -24,16 +24,12 @@ def dataset(
     fields = np.zeros((2, n_members, levels.size, rows, columns))
     for member in range(n_members):
         for _ in range(5):
-            kx, ky, phase, decay = (
-                rng.normal(0, 0.7),
-                rng.normal(0, 0.7),
-                rng.uniform(0, 2 * np.pi),
-                rng.uniform(100.0, 500.0),
-            )
-            psi_x, psi_y = (
-                kx * np.cos(kx * x + ky * y + phase),
-                ky * np.cos(kx * x + ky * y + phase),
-            )
+            kx = rng.normal(0, 0.7)
+            ky = rng.normal(0, 0.7)
+            phase = rng.uniform(0, 2 * np.pi)
+            decay = rng.uniform(100.0, 500.0)
+            psi_x = kx * np.cos(kx * x + ky * y + phase)
+            psi_y = ky * np.cos(kx * x + ky * y + phase)
             # a cell is shorter along longitude: without this the flow would not be divergence-free
             psi_y = psi_y * np.cos(np.deg2rad(south))
             fields[:, member] += (

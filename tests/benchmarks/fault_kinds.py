@@ -252,12 +252,10 @@ def in_beams(messages: Iterator[Message]) -> Iterator[Message]:
         yield message
 
 
-_SWAP, _EAST, _NORTH, _BOTH = (
-    [[0, 1], [1, 0]],
-    [[-1, 0], [0, 1]],
-    [[1, 0], [0, -1]],
-    [[-1, 0], [0, -1]],
-)
+_SWAP = [[0, 1], [1, 0]]
+_EAST = [[-1, 0], [0, 1]]
+_NORTH = [[1, 0], [0, -1]]
+_BOTH = [[-1, 0], [0, -1]]
 _GLIDER, _IN_BEAMS = ("glider",), ("beams",)
 _TWINS, _RELATIVE = ("vessel", "glider"), ("glider", "seaglider")
 _DIRECTION = (causes.CONTRADICTION, causes.COMPASS)

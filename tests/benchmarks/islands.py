@@ -46,10 +46,8 @@ def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
 
 def random_area(flow: FlowEstimate, centre, rng: np.random.Generator, name: str) -> NoGo:
     """Return an area of up to 3 km around a place."""
-    bearings, far = (
-        np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 7))),
-        rng.uniform(300.0, 3000.0),
-    )
+    bearings = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 7)))
+    far = rng.uniform(300.0, 3000.0)
     corners = [
         place(flow, *(centre + far * np.array([np.sin(at), np.cos(at)])), 0.0) for at in bearings
     ]

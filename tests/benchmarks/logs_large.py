@@ -49,10 +49,8 @@ def _counts(info: LogInfo) -> dict[str, int]:
 
 
 def _info_rows(what: str, path: Path) -> list[Row]:
-    config, size = (
-        load_config(None),
-        sum(chunk.uncompressed_size for chunk in _summary(path).chunk_indexes) / 1e6,
-    )
+    config = load_config(None)
+    size = sum(chunk.uncompressed_size for chunk in _summary(path).chunk_indexes) / 1e6
     by_index_s, by_index = seconds(lambda: inspect_logs([path], config)[0])
     full_s, full = seconds(lambda: inspect_logs([path], config, full=True)[0])
     stock_s, stock = seconds(lambda: _stock_counts(path))

@@ -81,10 +81,8 @@ class Sea:
 def sea(strip: Strip, seed: int = 0) -> Sea:
     """Return a sea of eddies."""
     rng = np.random.default_rng(seed)
-    latitude, longitude = (
-        _SOUTH + _STEP * np.arange(strip.rows),
-        _WEST + _STEP * np.arange(strip.columns),
-    )
+    latitude = _SOUTH + _STEP * np.arange(strip.rows)
+    longitude = _WEST + _STEP * np.arange(strip.columns)
     dy = 111_195.0 * _STEP
     dx = dy * np.cos(np.deg2rad(latitude.mean()))
     # closer to each other near the surface, where the stratification is

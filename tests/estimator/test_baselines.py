@@ -98,10 +98,8 @@ def test_what_cannot_be_built_is_said(name, text):
 
 
 def test_filterpy_s_kalman_filter():
-    estimator, (log, _, _) = (
-        build([SMALL], EstimatorConfig(modes=12, spread="as_given")),
-        profiles(4),
-    )
+    estimator = build([SMALL], EstimatorConfig(modes=12, spread="as_given"))
+    (log, _, _) = profiles(4)
     state, steps = estimator.assimilate(estimator.initial(), log)
     twin = Twin(estimator.flow(estimator.initial()))
     theirs = KalmanFilter(dim_x=estimator.unknowns, dim_z=2 * DEPTHS.size)

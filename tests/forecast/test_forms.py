@@ -110,10 +110,8 @@ def mitgcm(flat, at=separable, length=SHAPE[1], more=0):
 
 def mom6(symmetric):
     """Currents on the faces of a C-grid, with those west and south of the first cells or without, and the static file."""
-    offset, dims = (
-        -0.5 if symmetric else 0.5,
-        [("time", "z_l", "yh", "xq"), ("time", "z_l", "yq", "xh")],
-    )
+    offset = -0.5 if symmetric else 0.5
+    dims = [("time", "z_l", "yh", "xq"), ("time", "z_l", "yq", "xh")]
     offsets, of = ((0.0, offset), (offset, 0.0)), {"land": np.nan, "more": int(symmetric)}
     held, (wet_u, wet_v) = currents(("uo", "vo"), dims, TURNED, offsets, **of)
     # nominal: no places of a turned grid
@@ -170,10 +168,8 @@ def topaz(projected):
     coords |= {"time": TIMES, "depth": ("depth", LEVELS, {"units": "m"})}
     if not projected:
         # unknown on land
-        wet, places = (
-            water(ROWS, COLUMNS)[0],
-            zip(("longitude", "latitude"), plane(at), strict=True),
-        )
+        wet = water(ROWS, COLUMNS)[0]
+        places = zip(("longitude", "latitude"), plane(at), strict=True)
         coords |= {name: (("y", "x"), np.where(wet, of, np.nan)) for name, of in places}
     return {"e.nc": xr.Dataset(held | {"stereographic": ((), 0, own)}, coords)}
 

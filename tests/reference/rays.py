@@ -27,10 +27,8 @@ def fan(velocity: Velocity, start: Array, speed: float, headings: Array, times: 
             velocity(place + _NEAR * np.array(side), time)
             for side in ([1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0])
         ]
-        by_east, by_north = (
-            (moves[0] - moves[1]) / (2.0 * _NEAR),
-            (moves[2] - moves[3]) / (2.0 * _NEAR),
-        )
+        by_east = (moves[0] - moves[1]) / (2.0 * _NEAR)
+        by_north = (moves[2] - moves[3]) / (2.0 * _NEAR)
         turn = by_east[1] * sin**2 + (by_east[0] - by_north[1]) * sin * cos - by_north[0] * cos**2
         here = velocity(place, time)
         return np.column_stack([here[0] + speed * cos, here[1] + speed * sin, turn])

@@ -51,11 +51,9 @@ class Sea:
             down: Vertical speed [m/s].
             lasts: How long [s].
         """
-        (at, depth, now), steps, frame = (
-            begin,
-            max(int(np.ceil(lasts / self.longest_step)), 1),
-            self.flows[0].grid.projection,
-        )
+        (at, depth, now) = begin
+        steps = max(int(np.ceil(lasts / self.longest_step)), 1)
+        frame = self.flows[0].grid.projection
         step, path = lasts / steps, []
 
         def rate(place: Array, deep: float, when: float) -> Array:

@@ -31,10 +31,8 @@ def test_near_a_side_the_next_window_is_as_large_and_reaches_a_margin_and_a_half
     assert width_of(found) == pytest.approx(4.0, abs=1e-3)
     assert found[3] - found[1] == pytest.approx(4.0, abs=1e-3)
     assert room_in(found, BOUNDS, place) > 1.4 * MARGIN
-    ahead, moved = (
-        np.sign(np.subtract(place, centre_of(WINDOW))),
-        np.subtract(centre_of(found), place),
-    )
+    ahead = np.sign(np.subtract(place, centre_of(WINDOW)))
+    moved = np.subtract(centre_of(found), place)
     assert np.all(ahead * moved >= -1e-3)
 
 

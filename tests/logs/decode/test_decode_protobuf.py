@@ -55,10 +55,8 @@ def messages(draw):
     (kind,) = file.message_type
     entry = kind.nested_type.add(name="NamedEntry", options={"map_entry": True})
     # once, many, maybe
-    part, labels = (
-        Field.TYPE_MESSAGE,
-        [Field.LABEL_OPTIONAL, Field.LABEL_REPEATED, Field.LABEL_OPTIONAL],
-    )
+    part = Field.TYPE_MESSAGE
+    labels = [Field.LABEL_OPTIONAL, Field.LABEL_REPEATED, Field.LABEL_OPTIONAL]
     for name in draw(st.lists(st.sampled_from(NAMES), unique=True, min_size=1)):
         of, how = draw(st.sampled_from([*VALUES, part, part])), draw(st.integers(0, 2))
         field = kind.field.add(name=name, number=len(kind.field) + 1, type=of, label=labels[how])

@@ -134,10 +134,8 @@ def as_kml(path, properties):
 
 @pytest.mark.parametrize("kml", [False, True])
 def test_each_format_holds_the_same_area(kml, tmp_path):
-    properties, path = (
-        {"fence": True, **TIMES},
-        written(tmp_path, area(RING, HOLE, fence=True, **TIMES)),
-    )
+    properties = {"fence": True, **TIMES}
+    path = written(tmp_path, area(RING, HOLE, fence=True, **TIMES))
     if kml:
         as_kml(path, properties)
     (found,) = read_areas(path)

@@ -130,10 +130,8 @@ def test_a_followed_vehicle_beyond_the_region_of_the_first_logs_is_refused_by_na
 
 def test_in_one_window_the_estimate_is_that_of_its_region(basin, tmp_path):
     log_along(tmp_path / "d.mcap", sea(BASIN), sea(BASIN).longitude[24:18:-1])
-    region, paths = (
-        forecasts_of(job_of(basin), SETTINGS).region,
-        {"a": basin / "a.mcap", "d": tmp_path / "d.mcap"},
-    )
+    region = forecasts_of(job_of(basin), SETTINGS).region
+    paths = {"a": basin / "a.mcap", "d": tmp_path / "d.mcap"}
     vehicles = tuple(Vehicle(name, (path,)) for name, path in paths.items())
     job = replace(job_of(basin), logs=tuple(paths.values()), vehicles=vehicles)
     begin = float(columns_of("a")[0].round(2)), float(sea(BASIN).latitude[STRIP.rows // 2].round(2))
