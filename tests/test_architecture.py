@@ -48,10 +48,7 @@ WRONG = [
     ("replay_kit/cli/plan.py", "from planners import plan"),
     ("replay_kit/results/slices.py", "import planners.hazards.domain as region"),
     ("replay_kit/core/geodesy.py", "from casadi import SX"),
-    (
-        "planners/hazards/domain.py",
-        "from replay_kit.workflows.replay.account import Account",
-    ),
+    ("planners/hazards/domain.py", "from replay_kit.workflows.replay.account import Account"),
     ("replay_kit/estimator/filter.py", "import replay_kit.results.outcome.outcome"),
     ("replay_kit/estimator/filter.py", "from mcap.reader import make_reader"),
 ]

@@ -102,11 +102,7 @@ _LONG = (
     "sample_logs/glider.tlog --ensemble",
     "replay-kit fleet ",
 )
-_LONG_SCRIPTS = (
-    "first.mcap",
-    "rk.plan(result.estimate",
-    "smooth(estimator, log",
-)
+_LONG_SCRIPTS = ("first.mcap", "rk.plan(result.estimate", "smooth(estimator, log")
 CHAINS = [
     pytest.param(
         path,

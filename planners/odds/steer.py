@@ -95,11 +95,7 @@ class Begin:
 
 
 def steer(
-    task: Task,
-    currents: Currents,
-    route: Route,
-    deadline: float,
-    begin: Begin | None = None,
+    task: Task, currents: Currents, route: Route, deadline: float, begin: Begin | None = None
 ) -> Flights:
     """Return the simulated flights of K gliders along a route.
 

@@ -141,10 +141,7 @@ def _binding(task: Task, answer: Answer) -> str:
     through = float(task.vehicle.speeds(np, task.vehicle.angles[0])[0])
     what = "the current" if "current" in limits else "the current or a constraint"
     return "; ".join(
-        [
-            *parts,
-            f"{what} stops a glider of {through:.2f} m/s: {ground:.2f} m/s over ground",
-        ]
+        [*parts, f"{what} stops a glider of {through:.2f} m/s: {ground:.2f} m/s over ground"]
     )
 
 

@@ -189,9 +189,7 @@ def lead_of(task: Task, by_level: Array) -> Lead:
         for depth in task.goals[:-1, 2]
     ]
     return Lead(
-        speed,
-        ahead(first, drift),
-        np.array([*goals, max(ahead(last), ahead(_legs(task, 1)[0]))]),
+        speed, ahead(first, drift), np.array([*goals, max(ahead(last), ahead(_legs(task, 1)[0]))])
     )
 
 

@@ -51,11 +51,7 @@ _COMMANDS = {
         ),
     },
     "Logs": {
-        "info": (
-            "logs",
-            "LOG... | --ensemble FILE...",
-            "List the contents of a log or forecast.",
-        ),
+        "info": ("logs", "LOG... | --ensemble FILE...", "List the contents of a log or forecast."),
         "qc": (
             "logs",
             "LOG...",
@@ -133,7 +129,7 @@ _COMMANDS = {
             "experiment",
             "--ensemble FILE (--truth FILE | --leave-out K) -o DIR",
             "Compute the study of Kong et al. (IROS 2021) on an ensemble: its tables, and a report of where its method holds.",
-        ),
+        )
     },
 }
 #: What each command needs, by its words.

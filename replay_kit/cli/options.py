@@ -188,8 +188,7 @@ Truth = Annotated[
     str | None, option("T.nc[#member]", group=INPUTS, help="Known truth to score against.")
 ]
 Noise = Annotated[
-    float,
-    option(least=0.0, help="Standard deviation of each velocity component of a bin [m/s]."),
+    float, option(least=0.0, help="Standard deviation of each velocity component of a bin [m/s].")
 ]
 ConfigFile = Annotated[
     Path | None,

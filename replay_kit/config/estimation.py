@@ -48,8 +48,7 @@ class TimeConfig(Section):
     """
 
     scale: Annotated[
-        Literal["auto", "static"] | Positive,
-        Option("S|auto|static", name="--time-scale"),
+        Literal["auto", "static"] | Positive, Option("S|auto|static", name="--time-scale")
     ] = "auto"
     window: Literal["auto"] | NotNegative = "auto"
     oscillators: Annotated[tuple[Oscillation, ...], Option("O1,O2,...")] = ()

@@ -141,11 +141,7 @@ class NearestMember(Estimator[MemberErrors]):
                     for each in (state, after)
                 )
                 innovation = replace(
-                    innovation,
-                    innovation=before,
-                    residual=now,
-                    accepted=True,
-                    decision="accepted",
+                    innovation, innovation=before, residual=now, accepted=True, decision="accepted"
                 )
             found.append(Stepped(event, state, after, innovation))
             state = after

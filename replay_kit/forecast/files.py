@@ -180,14 +180,7 @@ def _open_file(path: Path) -> xr.Dataset:
         raise ForecastError(f"{path}: neither NetCDF nor Zarr; {found}; {_HINT}")
     try:
         ds = _opened_store(path) if engine == "zarr" else _opened_netcdf(path, engine)
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        OverflowError,
-        RuntimeError,
-    ) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RuntimeError) as error:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
     if (mesh := find_mesh(ds)) is not None:
         # takes a while to load

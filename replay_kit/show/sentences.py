@@ -219,14 +219,7 @@ def flight_correction_sentence(found: Mapping[str, Any]) -> Sentence:
 
 
 #: Headings of ``vehicle_rows``.
-COLUMNS = (
-    "vehicle",
-    "used",
-    "misfit before [cm/s]",
-    "errors",
-    "plan",
-    "verdict",
-)
+COLUMNS = ("vehicle", "used", "misfit before [cm/s]", "errors", "plan", "verdict")
 
 
 def vehicle_rows(outcome: Outcome) -> list[tuple[str, ...]]:

@@ -240,8 +240,7 @@ def _covering(request: Request, kept: Kept) -> list[Path]:
     for address in request.addresses:
         copies = kept.copies(address)
         chosen = next(
-            (path for path, record in copies if covers(record, places, request.deepest, span)),
-            None,
+            (path for path, record in copies if covers(record, places, request.deepest, span)), None
         )
         if chosen is None:
             where = f" in {region_text(box_around(places, 0.0))}" if len(places) else ""

@@ -42,11 +42,7 @@ STATIC = "the estimate is static: smoothed, it is the last estimate at all times
 _Done = list[tuple[Any, Innovation | None]]
 
 
-def smooth(
-    job: ReplayJob,
-    config: RunConfig,
-    progress: Progress = silent,
-) -> Outcome:
+def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> Outcome:
     """Write the smoothed result of logs, and return the outcome of its forward replay.
 
     The forward replay takes single profiles with their stated errors, and excludes what a replay excludes.

@@ -169,11 +169,7 @@ def _frozen() -> Edit:
 def _depth_sign(payload: dict[str, Any], at: At) -> dict[str, Any]:
     first, size, n = -payload["bin0_distance"], payload["cell_size"], payload["n_cells"]
     distances = [first - size * k for k in range(n)]
-    return {
-        "bin0_distance": first,
-        "cell_distances": distances,
-        "pressure": -payload["pressure"],
-    }
+    return {"bin0_distance": first, "cell_distances": distances, "pressure": -payload["pressure"]}
 
 
 def _stuck_vehicle(payload: dict[str, Any], at: At) -> dict[str, Any]:
@@ -332,7 +328,7 @@ _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]
         }
     },
     ((instrument.STUCK,), 30): {
-        _TWINS: {"cells of the lower half stuck": _edited(_is_ping, _stuck_cells)},
+        _TWINS: {"cells of the lower half stuck": _edited(_is_ping, _stuck_cells)}
     },
     ((causes.SCALE, causes.MEANS), 85): {
         _GLIDER: {
@@ -352,8 +348,7 @@ _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]
                 lambda m: "latitude" in m.payload and m.topic == "/vehicle/fix", _displaced
             ),
             "the twentieth position 42 km off": _edited(
-                _having("latitude"),
-                lambda p, at: _moved(p, 42e3, 0.0) if at.number == 20 else {},
+                _having("latitude"), lambda p, at: _moved(p, 42e3, 0.0) if at.number == 20 else {}
             ),
         }
     },

@@ -82,12 +82,7 @@ def test_config_lists_every_setting_as_a_file_that_can_be_read(tmp_path):
 
 
 def test_help_and_refusals_load_no_library_that_takes_long():
-    for arguments in (
-        "replay --help",
-        "replay a.mcap --nope",
-        "plan --help",
-        "--version",
-    ):
+    for arguments in ("replay --help", "replay a.mcap --nope", "plan --help", "--version"):
         assert slow_libraries(arguments) == "[]", arguments
 
 

@@ -82,10 +82,7 @@ def tlog(n: int) -> list[bytes]:
 
 
 def read_log(
-    folder: Path,
-    data: bytes,
-    config: LogConfig | None = None,
-    wanted: frozenset[str] | None = None,
+    folder: Path, data: bytes, config: LogConfig | None = None, wanted: frozenset[str] | None = None
 ) -> tuple[list[Message], LogReport]:
     """Return the messages of a log with these bytes, and its report."""
     file = folder / "log"

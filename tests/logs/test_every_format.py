@@ -15,11 +15,7 @@ from tests.logs.sound import SOUND
 from tests.places import ROOT
 
 #: How a reader says more exactly which format it is.
-NAMES = {
-    "netcdf": "spray",
-    "slocum": "slocum-binary",
-    "radials": "radar-radials",
-}
+NAMES = {"netcdf": "spray", "slocum": "slocum-binary", "radials": "radar-radials"}
 each = pytest.mark.parametrize("form", FORMATS, ids=lambda form: form.name)
 
 

@@ -30,8 +30,7 @@ def test_the_reason_of_what_is_left_out_names_its_rules():
 )
 def test_a_rule_that_is_none_is_refused(rule):
     with pytest.raises(
-        ValueError,
-        match="expected dac, profiles, shear, radar, drifters, sensors or dives:3-5",
+        ValueError, match="expected dac, profiles, shear, radar, drifters, sensors or dives:3-5"
     ):
         MeasurementConfig(without=(rule,))
     with pytest.raises(ValueError, match="each once"):

@@ -96,10 +96,7 @@ def random_mission(seed: int, speeds: tuple[float, float] = (0.03, 0.15)) -> Haz
         ] = -30.0
     areas = tuple(_thin_area(here, rng, k) for k in range(int(rng.integers(1, 4))))
     far = rng.uniform(5e3, 8e3)
-    ends = (
-        place(here, -far, rng.uniform(-2e3, 2e3)),
-        place(here, far, rng.uniform(-2e3, 2e3)),
-    )
+    ends = (place(here, -far, rng.uniform(-2e3, 2e3)), place(here, far, rng.uniform(-2e3, 2e3)))
     settings = MissionSettings(
         depth=rng.uniform(200.0, 390.0), surface_time=300.0, max_legs=80, clearance=CLEARANCE
     )

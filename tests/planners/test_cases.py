@@ -50,8 +50,7 @@ SIDE = bathymetry(lambda x, y: np.where((x > 152.405) & (x < 152.455), 150.0, 90
 RIDGE = bathymetry(lambda x, y: np.where((np.abs(x - 152.5) < 0.03) & (y < -39.75), 225.0, 900.0))
 SHALLOWS = replace(STILL.grid, wet=STILL.grid.wet & (np.arange(5) < 3)[:, None, None])
 POND = replace(
-    forbidden(STILL, -6e3, -6e3, 6e3, 6e3),
-    holes=(forbidden(STILL, -3e3, -3e3, 3e3, 3e3).polygon,),
+    forbidden(STILL, -6e3, -6e3, 6e3, 6e3), holes=(forbidden(STILL, -3e3, -3e3, 3e3, 3e3).polygon,)
 )
 LEGS = "limit: max_legs = 12 (--max-legs)"
 

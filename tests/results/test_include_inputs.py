@@ -51,11 +51,7 @@ def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path):
         (topic, time, publish, sequence)
         for topic, time, publish, sequence, _ in said
         if topic in ("/a", "/b")
-    ] == [
-        ("/a", 5, 12, 0),
-        ("/b", 3, 10, 1),
-        ("/a", 8, 15, 2),
-    ] * 2
+    ] == [("/a", 5, 12, 0), ("/b", 3, 10, 1), ("/a", 8, 15, 2)] * 2
     frames = [payload for topic, *_, payload in said if topic == "mavlink/frames/1"]
     assert frames == [entry[8:] for entry in tlog(3)]
 

@@ -94,10 +94,7 @@ def test_a_block_holds_what_was_written_however_it_is_cut(given_ones, size):
             np.testing.assert_array_equal(row[name], getattr(one, name))
         source = (row["source_input"], row["source_topic"], row["source_position"])
         assert Source(*source, row["source_time"]) == one.source
-        for name, value in (
-            ("measured", one.mean_current),
-            ("corrected", one.corrected_current),
-        ):
+        for name, value in (("measured", one.mean_current), ("corrected", one.corrected_current)):
             held = [row[f"mean_current_{name}_{end}"] for end in ("east", "north")]
             np.testing.assert_array_equal(held, np.full(2, np.nan) if value is None else value)
         names = {name: name for name in (*SINGLE[:4], "dof", "accepted", "decision", "profiles")}

@@ -124,9 +124,7 @@ channels = st.tuples(words, words, schemas, metadata)
 @pytest.mark.full
 # each example writes the files of the one folder anew
 @settings(
-    max_examples=30,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    max_examples=30, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
     channels=st.lists(channels, min_size=1, max_size=3),

@@ -27,11 +27,7 @@ STATIC_SETTINGS = {
     "estimator": QUICK,
     "output": {"depths": [5.0, 150.0], "interval": 7200.0},
 }
-EVOLVING = {
-    **STATIC_SETTINGS,
-    "time": {"scale": 86_400.0},
-    "measurements": {"flight_bias": False},
-}
+EVOLVING = {**STATIC_SETTINGS, "time": {"scale": 86_400.0}, "measurements": {"flight_bias": False}}
 
 
 def smoothed(folder, settings, log=SAMPLES / "glider.mcap"):

@@ -84,10 +84,7 @@ def paper(
     withheld = None if truth is None else read_truth(truth, config.forecast)
     # at once, so that a folder that cannot be made is reported before the work
     out.mkdir(exist_ok=True)
-    with (
-        calls_made_by(processes.scheduler, processes.workers),
-        progress(config.output.threads),
-    ):
+    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads):
         for tables in run_paper(members, withheld, config.estimator, job):
             for name, text in files_of(tables).items():
                 write_whole(out / name, text)

@@ -260,6 +260,6 @@ def layout(
 
     count = write_layout(result, out)
     console_beside().print(
-        f"{out}: {count} panels; import it in Foxglove or Lichtblick, and open {result} there.",
+        f"{out}: {count} panels; import it in Foxglove or Lichtblick, and open {result} there."
     )
     return 0

@@ -14,10 +14,7 @@ from replay_kit.core.arrays import Array, Times
 
 
 def bootstrap_interval(
-    statistic: Callable[[Times], Array],
-    cases: int,
-    resamples: int = 2000,
-    share: float = 0.9,
+    statistic: Callable[[Times], Array], cases: int, resamples: int = 2000, share: float = 0.9
 ) -> tuple[float, float]:
     """Return the ends of the central interval of a statistic of resampled cases, by the percentile method.
 

@@ -22,10 +22,7 @@ from replay_kit.estimator.update.screening import Screened
 
 
 def outcomes(
-    group: Screened,
-    update: Update | None,
-    before: State,
-    against: Callable[[State], Array] | None,
+    group: Screened, update: Update | None, before: State, against: Callable[[State], Array] | None
 ) -> list[Stepped[State]]:
     """Return the outcomes of a group: of each unused or rejected measurement, then of the accepted ones together.
 

@@ -46,10 +46,7 @@ PAYLOAD_ERRORS: tuple[type[Exception], ...] = (
 )
 
 _ROS_ENCODINGS = frozenset(
-    {
-        (MessageEncoding.CDR, SchemaEncoding.ROS2),
-        (MessageEncoding.ROS1, SchemaEncoding.ROS1),
-    }
+    {(MessageEncoding.CDR, SchemaEncoding.ROS2), (MessageEncoding.ROS1, SchemaEncoding.ROS1)}
 )
 _KNOWN = "json, protobuf, cdr with ros2msg, ros1 with ros1msg"
 

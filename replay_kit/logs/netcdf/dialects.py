@@ -135,12 +135,7 @@ _GLIDERDAC = Dialect(
     "gliderdac",
     "IOOS GliderDAC",
     "time lat lon profile_id profile_time|time_uv",
-    {
-        **_USUAL,
-        "longitude": "lon",
-        "latitude": "lat",
-        **_UV,
-    },
+    {**_USUAL, "longitude": "lon", "latitude": "lat", **_UV},
     log_of="mission",
 )
 
@@ -325,10 +320,7 @@ def dialect_of(
 
 
 def log_of_columns(
-    files: Sequence[NetcdfFile],
-    dialect: Dialect,
-    told: Told,
-    config: LogConfig | None,
+    files: Sequence[NetcdfFile], dialect: Dialect, told: Told, config: LogConfig | None
 ) -> WholeLog:
     """Return the log of some files in one dialect.
 

@@ -53,13 +53,7 @@ _OF_CAUSE = {
     "a drift": 0.05,
 }
 # How many times as fast vectors in a unit are.
-UNITS = {
-    "knots": 1.943844,
-    "ft/s": 1.0 / 0.3048,
-    "km/h": 3.6,
-    "cm/s": 100.0,
-    "mm/s": 1000.0,
-}
+UNITS = {"knots": 1.943844, "ft/s": 1.0 / 0.3048, "km/h": 3.6, "cm/s": 100.0, "mm/s": 1000.0}
 # Logarithms of scales that are tried; a smaller one than the second is a calibration, and no fault; their spread before any pair.
 _SCALES, _LEAST_SCALE, _SCALE_SPREAD = np.linspace(-7.2, 7.2, 721), math.log(1.15), math.log(3.0)
 # The least logarithm of a ``unit``: of scales that no error of a vehicle's own speed makes.

@@ -180,11 +180,7 @@ def comparison_part(
         }
         for rival, other in rivals
     ]
-    return {
-        "ensemble": name,
-        "units": "dives" if evidence.by_dive else "hours",
-        "against": against,
-    }
+    return {"ensemble": name, "units": "dives" if evidence.by_dive else "hours", "against": against}
 
 
 def _evidence_figures(block: BlockEvidence) -> dict[str, Any]:

@@ -92,9 +92,7 @@ def map_figure(contents: Contents, chosen: Chosen) -> Figure:
     # with room for a map's labels, key and colour bar
     high = float(np.clip(0.72 * shape + 0.18, 0.4, 1.2))
     name = f"{shown:g} m, {time_text(int(slices.time_ns[-1]))[:16]}"
-    panels = [
-        _map_panel(contents, name, extent, chosen, speed_marks(contents, slices), high),
-    ]
+    panels = [_map_panel(contents, name, extent, chosen, speed_marks(contents, slices), high)]
     errors = slices.fields[0, -1, 2:]
     if np.isfinite(errors).any():
         error = np.sqrt(0.5 * (errors[0] ** 2 + errors[1] ** 2))

@@ -19,15 +19,7 @@ from replay_kit.core.words.colors import palette_css, scale
 from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Figure, Panel
 
-__all__ = [
-    "Map",
-    "Section",
-    "figure_html",
-    "items_html",
-    "legend",
-    "page_html",
-    "table_html",
-]
+__all__ = ["Map", "Section", "figure_html", "items_html", "legend", "page_html", "table_html"]
 
 #: Letters of a section in the menu.
 _MENU = 32

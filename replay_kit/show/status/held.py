@@ -113,8 +113,7 @@ def read_held(reader: ResultReader) -> Held:
     return Held(
         name=reader.name,
         last_ns=max(
-            [*known, *([reckoned.time_ns] if reckoned else [])],
-            default=ends.message_end_time,
+            [*known, *([reckoned.time_ns] if reckoned else [])], default=ends.message_end_time
         ),
         metadata=reader.metadata,
         settings=tomllib.loads(reader.text(CONFIG_NAME)),

@@ -116,10 +116,7 @@ def text_tables(tables: PaperTables) -> list[TextTable]:
             f"Table II: {pings} random pings of 22 bins, noise {tables.noise:g} m/s{over}",
             _error_cells(tables.table2),
         ),
-        (
-            f"Relative error on the way through the pings of Table II{over}",
-            list(by_pings.values()),
-        ),
+        (f"Relative error on the way through the pings of Table II{over}", list(by_pings.values())),
         (
             f"Table III: closest approach to a target at {depth}, planned on each flow, flown in the truth",
             glides,

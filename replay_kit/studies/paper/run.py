@@ -159,10 +159,7 @@ class PaperTables:
 
 
 def run_paper(
-    ensemble: Ensemble,
-    truth: Ensemble | None,
-    config: EstimatorConfig,
-    job: PaperJob,
+    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PaperJob
 ) -> Iterator[PaperTables]:
     """Yield the study's tables: partial ones after each truth's Tables I and II, then the complete ones.
 

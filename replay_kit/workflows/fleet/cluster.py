@@ -160,10 +160,7 @@ def _cores() -> int:
 
 @contextmanager
 def open_workers(
-    scheduler: str | None,
-    workers: int | None,
-    files: Iterable[Path] = (),
-    out: Path | None = None,
+    scheduler: str | None, workers: int | None, files: Iterable[Path] = (), out: Path | None = None
 ) -> Iterator[Workers]:
     """Yield the workers of a cluster, or processes of this machine.
 

@@ -35,8 +35,7 @@ class MissionEntry(Section):
     )
     logs: _Files | None = Field(default=None, description="Logs of one mission.")
     vehicles: Annotated[Mapping[str, _Files], Field(min_length=2)] | None = Field(
-        default=None,
-        description="Logs of several vehicles that share an estimate, by their names.",
+        default=None, description="Logs of several vehicles that share an estimate, by their names."
     )
     each: _Files | None = Field(
         default=None, description="Patterns of logs, each of which is a mission of its own."

@@ -64,12 +64,7 @@ def conclude(
     remarks = estimator.remarks(run.current)
     no_goal = "no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"
     # biases are one instrument's
-    notes = [
-        basis,
-        *estimator.notes(),
-        *remarks,
-        *[no_goal] * (not job.goals),
-    ]
+    notes = [basis, *estimator.notes(), *remarks, *[no_goal] * (not job.goals)]
     notes = [*notes, *values["notes"]] if job.vehicles else [*values["notes"], *notes]
     notes = [*inputs.forecasts.notes, *notes]
     values = {**values, "notes": notes, "outside": [*values["outside"], *_caveats(remarks)]}
@@ -291,10 +286,7 @@ class ScoredPoints:
 
 
 def score_against_truth(
-    flow: FlowEstimate,
-    ensemble: Ensemble,
-    truth: Ensemble,
-    config: EstimatorConfig,
+    flow: FlowEstimate, ensemble: Ensemble, truth: Ensemble, config: EstimatorConfig
 ) -> dict[str, float]:
     """Return the scores of an outcome.
 

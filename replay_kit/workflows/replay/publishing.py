@@ -91,10 +91,7 @@ class PublishingState:
 
 
 def publish_surface(
-    writer: ResultWriter,
-    state: PublishingState,
-    step: Step,
-    flow_at: Callable[[int], FlowEstimate],
+    writer: ResultWriter, state: PublishingState, step: Step, flow_at: Callable[[int], FlowEstimate]
 ) -> PublishingState:
     """Write the surface current by the vectors of a radar, if a step assimilated such, and return the state after it.
 

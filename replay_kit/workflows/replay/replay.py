@@ -155,10 +155,7 @@ def _states(run: Run, inputs: Prepared) -> States | None:
 
 
 def _loop(
-    run: Run,
-    inputs: Prepared,
-    states: States | None,
-    on_messages: Callable[[int], None],
+    run: Run, inputs: Prepared, states: States | None, on_messages: Callable[[int], None]
 ) -> None:
     """Pass the logs' messages, or those after a state, through the run."""
     job, begin = inputs.job, partial(_begin_result, run, inputs)

@@ -114,12 +114,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(200, data, whole, more, cut)
 
     def _send(
-        self,
-        status: int,
-        body: bytes,
-        whole: bool,
-        more: Mapping[str, str] = {},
-        cut: bool = False,
+        self, status: int, body: bytes, whole: bool, more: Mapping[str, str] = {}, cut: bool = False
     ) -> None:
         self._head(status, len(body), more)
         if whole:

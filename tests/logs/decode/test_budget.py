@@ -118,8 +118,7 @@ def test_protobuf_messages_that_contain_themselves_too_deeply_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("encoding", "schema"),
-    [("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf")],
+    ("encoding", "schema"), [("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf")]
 )
 def test_a_schema_larger_than_any_in_use_is_not_parsed(encoding, schema):
     reason = decoder(encoding, schema, b"\n" * (MOST_SCHEMA + 1))

@@ -123,9 +123,7 @@ DIALECTS = {
     ),
     "erddap": Form("erddap", made.erddap, **_IN),
     "bodc": Form(
-        "og1",
-        made.bodc,
-        notes=("WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s",),
+        "og1", made.bodc, notes=("WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s",)
     ),
     "socib": Form(
         "socib",

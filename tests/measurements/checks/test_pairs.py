@@ -114,8 +114,7 @@ def test_a_mean_current_of_other_water_makes_no_pair():
 
 
 @pytest.mark.parametrize(
-    ("factor", "more", "names"),
-    [(1.0, 0.0, []), (1.943844, 0.0, [SCALE]), (1.0, 0.25, [])],
+    ("factor", "more", "names"), [(1.0, 0.0, []), (1.943844, 0.0, [SCALE]), (1.0, 0.25, [])]
 )
 def test_a_stated_motion_is_a_multiple_of_that_of_its_positions_or_has_a_current_more(
     factor, more, names

@@ -38,8 +38,7 @@ def pressed(seconds, measured, rng, at=None, **changes):
 
 
 @pytest.mark.parametrize(
-    ("scale", "cause"),
-    [(0.1, "in bar"), (3.28084, "in feet"), (0.3048, "vehicle")],
+    ("scale", "cause"), [(0.1, "in bar"), (3.28084, "in feet"), (0.3048, "vehicle")]
 )
 def test_a_unit_is_named_with_its_cause(scale, cause):
     ((_, finding),) = judged(dives(lambda depth: scale * depth))[1]

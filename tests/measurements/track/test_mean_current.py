@@ -118,10 +118,7 @@ def test_without_a_path_it_is_straight_down_and_up():
         ({"dac_eastward": None}, "not a number"),
         ({"dac_northward": 60.0}, "faster than measurements.max_speed"),
         ({"start_fix": None}, "no path, and no fixes"),
-        (
-            {"start_fix": {"time": {"sec": "x"}, "lon": 1.0, "lat": 2.0}},
-            "no path, and no fixes",
-        ),
+        ({"start_fix": {"time": {"sec": "x"}, "lon": 1.0, "lat": 2.0}}, "no path, and no fixes"),
         ({}, "no path, and no fixes"),
         ({"max_depth": 0.0}, "no path, and no fixes"),
     ],

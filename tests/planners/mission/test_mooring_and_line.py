@@ -58,10 +58,7 @@ def test_in_still_water_a_glider_cannot_stand_but_surfaces_to_either_side():
 
 def test_a_line_is_held_by_a_crab_angle():
     flow = uniform_flow(0.0, 0.12)
-    result = along(
-        flow,
-        request_between(flow, (-6e3, 0.0), (5e3, 0.0), settings=SETTINGS),
-    )
+    result = along(flow, request_between(flow, (-6e3, 0.0), (5e3, 0.0), settings=SETTINGS))
     crab = np.rad2deg(np.arcsin(0.12 / 0.3 / np.cos(np.deg2rad(result.glide_angles_deg))))
     assert result.status == "reached"
     np.testing.assert_allclose(result.headings_deg, 90.0 + crab, atol=0.3)

@@ -63,9 +63,7 @@ def test_the_lowest_wet_level_is_the_limit_without_a_bathymetry():
     assert bottom.limit_at(points).tolist() == [40.0, np.inf, -np.inf]
     everywhere = np.full(GRID.longitude.shape, 300.0)
     known = bottom_of(
-        Region(replace(GRID, wet=wet)),
-        Bathymetry(GRID.longitude, GRID.latitude, everywhere),
-        20.0,
+        Region(replace(GRID, wet=wet)), Bathymetry(GRID.longitude, GRID.latitude, everywhere), 20.0
     )
     assert known.limit_at(points).tolist() == [110.0, 280.0, -np.inf]
     assert known.edge is None

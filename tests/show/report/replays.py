@@ -55,9 +55,7 @@ def month(folder: Path) -> Path:
     """Return a result of 30 days with a ping every ten minutes."""
     log, out = folder / "twin.mcap", folder / "month.mcap"
     make_twin(
-        read_truth(str(SAMPLES / "truth.nc"), ForecastConfig()),
-        Twin("glider", 4320, 0.05, 3),
-        log,
+        read_truth(str(SAMPLES / "truth.nc"), ForecastConfig()), Twin("glider", 4320, 0.05, 3), log
     )
     settings = {"estimator": {"modes": 10}, "forecast": {"levels": [5, 150, 500]}}
     rk.replay(log, SAMPLES / "ensemble.nc", settings=settings, out=out)

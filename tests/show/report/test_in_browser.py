@@ -104,10 +104,7 @@ def _check_links(tab: Any) -> None:
     for link in tab.locator("nav a").all():
         link.click()
         key = (link.get_attribute("href") or "")[1:]
-        tab.wait_for_function(
-            LANDED,
-            arg=key,
-        )
+        tab.wait_for_function(LANDED, arg=key)
 
 
 def _check_values(tab: Any) -> None:

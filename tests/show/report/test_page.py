@@ -33,9 +33,7 @@ def test_the_sections_are_an_answer_from_top_to_bottom(page):
     assert links[: len(KNOWN)] == [f"#{key}" for key in KNOWN]
 
 
-def test_every_figure_has_caption_text_alternative_data_and_units_and_nothing_is_fetched(
-    page,
-):
+def test_every_figure_has_caption_text_alternative_data_and_units_and_nothing_is_fetched(page):
     assert [key for key in check_figures(page) if key in KEYS] == KEYS
 
 

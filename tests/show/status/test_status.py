@@ -122,16 +122,8 @@ def test_both_next_surfacings_are_named_and_first_the_one_that_the_record_says_t
     over, later = [outcome(END_NS, END_NS)] * 2, Fix(COMING["time_ns"] + 1, 5.0, 62.0, False)
     for values, said, why in (
         ({"outcome": expected()}, plan_first, "no surfacing was predicted yet"),
-        (
-            {"outcome": expected(**HABIT)},
-            dive_first,
-            "past dives predicted 3 surfacings better",
-        ),
-        (
-            {"outcome": expected(), "plans": [], "outcomes": []},
-            dive_first[:1],
-            "no plan is flown",
-        ),
+        ({"outcome": expected(**HABIT)}, dive_first, "past dives predicted 3 surfacings better"),
+        ({"outcome": expected(), "plans": [], "outcomes": []}, dive_first[:1], "no plan is flown"),
         (
             {"outcome": expected(), "outcomes": over},
             dive_first[:1],

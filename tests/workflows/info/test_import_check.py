@@ -85,8 +85,7 @@ def written(folder, messages):
 
 
 @pytest.mark.parametrize(
-    ("fault", "seed"),
-    [(fault, k % 3) for k, fault in enumerate(PINGS) if "speeds" not in fault],
+    ("fault", "seed"), [(fault, k % 3) for k, fault in enumerate(PINGS) if "speeds" not in fault]
 )
 def test_a_planted_fault_is_told_as_a_contradiction_with_the_ensemble(
     surveys, estimator, sounded, fault, seed

@@ -393,10 +393,7 @@ def test_an_expected_current_is_planned_with_and_forgotten(local, told):
 
 @pytest.mark.parametrize(
     ("make", "mean"),
-    [
-        (constant_with, [0.05, -0.08]),
-        (lambda local: replace(CHANGING, local=local), [0.0, 0.0]),
-    ],
+    [(constant_with, [0.05, -0.08]), (lambda local: replace(CHANGING, local=local), [0.0, 0.0])],
 )
 def test_samples_have_the_mean_and_the_spread_of_estimate_and_current_beside_it(make, mean):
     local, count = beside(mean, 0.1, 1e-3), 400

@@ -206,10 +206,7 @@ def in_other_water(messages):
 
 @pytest.mark.parametrize(
     ("place", "name", "severity", "code"),
-    [
-        (False, findings.MISFIT, "misfit", 6),
-        (True, findings.MISFIT_OF_MOVED, "warning", 0),
-    ],
+    [(False, findings.MISFIT, "misfit", 6), (True, findings.MISFIT_OF_MOVED, "warning", 0)],
 )
 def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     ocean, tmp_path, place, name, severity, code

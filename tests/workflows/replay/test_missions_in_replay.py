@@ -33,9 +33,7 @@ from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, often
 
 DIVES = {"kind": "mission", "when": "surfacing", "depth": 300.0, "surface_time": 240.0}
 CONFIG = RunConfig(
-    estimator=QUICK,
-    planner=DIVES | {"samples": 3, "tolerance": 500.0},
-    output={"interval": 7200.0},
+    estimator=QUICK, planner=DIVES | {"samples": 3, "tolerance": 500.0}, output={"interval": 7200.0}
 )
 GOAL = Place(152.42, -39.66, 0.0)
 

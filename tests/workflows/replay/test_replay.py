@@ -129,10 +129,7 @@ LOGS = {
         f"{name}.mcap": [
             message
             for k in range(3)
-            for message in (
-                fix(k, 152.3, -39.8),
-                ping(k, n_cells=2, velocity=[[speed] * 3] * 2),
-            )
+            for message in (fix(k, 152.3, -39.8), ping(k, n_cells=2, velocity=[[speed] * 3] * 2))
         ]
         for name, speed in (("missing", None), ("centimetres", 20.0))
     },

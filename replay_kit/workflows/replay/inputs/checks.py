@@ -185,11 +185,7 @@ class DryRun:
         )
 
 
-def dry_run(
-    job: ReplayJob,
-    config: RunConfig,
-    planner_of: PlannerFactory | None = None,
-) -> DryRun:
+def dry_run(job: ReplayJob, config: RunConfig, planner_of: PlannerFactory | None = None) -> DryRun:
     """Return the expected inputs, memory and time of a replay; reads the logs completely, with only a few updates.
 
     Args:
