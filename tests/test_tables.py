@@ -144,6 +144,13 @@ def test_tables_of_several_vehicles_share_an_estimate():
         rk.replay({"a": _rows(), "b": _columns()}, _dataset(), goal=(152.3, -39.8, 50.0))
 
 
+def test_vehicles_of_mean_currents_alone_share_an_estimate():
+    start, end = ((one.time_ns, one.longitude, one.latitude) for one in PROFILES[:2])
+    speeds = {"a": 0.1, "b": 0.11}
+    dives = {k: rk.Observation.mean(start, end, 300.0, u, 0.0, 0.03) for k, u in speeds.items()}
+    assert rk.replay(dives, _dataset(), settings=SETTINGS).outcome.observations["used"] == 2
+
+
 def _erddap(path):
     units = {"time": "seconds since 1970-01-01T00:00:00Z", "u": "cm s-1", "v": "m s-1"}
     rows = _rows().reset_index()

@@ -1,6 +1,6 @@
 """Logs opened once, and scanned before a replay for their place and start."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +13,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.core.observation.table import PING, POSITION, Block
+from replay_kit.core.observation.table import Block
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import LogFile
@@ -128,26 +128,21 @@ class Logs:
     def reach(self) -> Reach:
         """Places, depth and period of the vehicles and observations of a replay, from one pass over all messages."""
         found, deepest, spans = dict[tuple[int, int], None](), [0.0], list[int]()
-        # of positions, profiles and radar currents their number, and the sums of directions and latitudes
-        sums = np.zeros((3, 3), np.complex128)
+        # of positions, profiles, mean currents and radar currents
+        sums = np.zeros((4, 3), np.complex128)
         for times, block in self.measured():
             spans += [int(times.min()), int(times.max())]
-            vectors = np.hstack([np.empty((2, 0)), *(one.value_places for one in block.linear)])
-            sums[2] += vectors.shape[1], np.exp(1j * np.deg2rad(vectors[0])).sum(), vectors[1].sum()
-            for sums_of_kind, (kind, columns) in zip(
-                sums, ((POSITION, block.position), (PING, block.ping)), strict=False
-            ):
+            sums[3] += sum(_sums(one.value_places) for one in block.linear)
+            kinds = (block.position, ""), (block.ping, ""), (block.mean, "path_")
+            for kind, (columns, prefix) in enumerate(kinds):
                 if (rows := block.events[block.events[:, 1] == kind, 2]).size:
-                    places = np.stack([columns[name][rows] for name in ("longitude", "latitude")])
-                    # on the unit circle, because longitudes may lie on both sides of the antimeridian
-                    sums_of_kind += (
-                        rows.size,
-                        np.exp(1j * np.deg2rad(places[0])).sum(),
-                        places[1].sum(),
-                    )
-                    cells = np.rint(places.T * _PER_DEGREE).astype(np.int64)
+                    names = (f"{prefix}{name}" for name in ("longitude", "latitude", "depth"))
+                    *places, depth = (columns[name][rows].ravel() for name in names)
+                    known = np.array(places)[:, np.isfinite(places[0])]
+                    sums[kind] += _sums(known)
+                    cells = np.rint(known.T * _PER_DEGREE).astype(np.int64)
                     found |= dict.fromkeys(map(tuple, cells.tolist()))
-                    deepest.append(float(np.fmax.reduce(columns["depth"][rows], None, initial=0.0)))
+                    deepest.append(float(np.fmax.reduce(depth, initial=0.0)))
         n, direction, latitude = next((one for one in sums if one[0]), sums[0])
         middle = (float(np.rad2deg(np.angle(direction))), float((latitude / n).real)) if n else None
         each = np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
@@ -192,6 +187,15 @@ class Logs:
             raise ConfigError(
                 f"{' and '.join(asked)}: no message lies there; the log spans {iso_time(min(times), 's')} to {iso_time(max(times), 's')}"
             )
+
+
+def _sums(places: Iterable[Array]) -> Array:
+    """Return the number of places, the sum of their longitudes as complex numbers of the unit circle, and of their latitudes [degrees].
+
+    Longitudes may lie on both sides of the antimeridian.
+    """
+    longitude, latitude = places
+    return np.array([longitude.size, np.exp(1j * np.deg2rad(longitude)).sum(), latitude.sum()])
 
 
 class _Begun:
