@@ -67,11 +67,13 @@ class Alarm(NamedTuple):
 
 def decide(outcome: "Outcome") -> Verdict:
     """Return the verdict on a run, the worst of several vehicles; the exit code does not depend on it."""
-    error, found, plan = outcome.error, outcome.consistency, outcome.plan
+    error, plan = outcome.error, outcome.plan
+    # findings of several vehicles are reasons of theirs
+    found = () if outcome.vehicles else outcome.consistency
+    warnings = [(finding["name"], finding["severity"] == "warning") for finding in found]
     against = (
-        (error, bool(error)),
-        *((finding["name"], finding["severity"] != "warning" and not error) for finding in found),
-        ("no observation was used", not outcome.observations["used"] and not error),
+        *((name, not warns) for name, warns in warnings if not error),
+        (error or "no observation was used", error or not outcome.observations["used"]),
     )
     doubtful = (
         ("part of the log was lost", (4 in outcome.exit_codes and outcome.losses) or outcome.late),
@@ -79,7 +81,7 @@ def decide(outcome: "Outcome") -> Verdict:
         (outcome.lost_pings, bool(outcome.lost_pings)),
         ("the requested risk cannot be met", 7 in outcome.exit_codes),
         (errors_text(outcome), doubtful_errors(outcome)),
-        *((finding["name"], finding["severity"] == "warning") for finding in found),
+        *warnings,
         *((text, True) for text in outcome.outside),
         (_plan_reason(plan), bool(_plan_reason(plan))),
     )
