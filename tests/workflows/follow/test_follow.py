@@ -65,7 +65,7 @@ def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean
 
 def messages_of(replay: Callable[[], object]) -> int:
     """The number of messages that a replay takes."""
-    with mock.patch.object(running, "taken", wraps=running.taken) as taken:
+    with mock.patch.object(running, "measure_messages", wraps=running.measure_messages) as taken:
         replay()
     return sum(len(call.args[1]) for call in taken.call_args_list)
 
