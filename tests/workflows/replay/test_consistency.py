@@ -189,14 +189,14 @@ def test_how_a_run_with_a_contradiction_ends_is_in_its_answer(
 
 
 def in_other_water(messages):
-    """Yield messages with pings in water that no forecast has: at each the whole profile is pushed by some 0.3 m/s of its own.
+    """Yield messages with pings in water that no forecast has: at each the whole profile is pushed by some 0.45 m/s of its own.
 
     Mean currents, which would contradict these, are left out.
     """
     rng = np.random.default_rng(0)
     for message in messages:
         if message.schema == "replay_kit.AdcpPing":
-            push = [*rng.normal(0.0, 0.3, 2), 0.0]
+            push = [*rng.normal(0.0, 0.45, 2), 0.0]
             moved = np.array(message.payload["velocity"], float) + push
             velocity = np.where(np.isnan(moved), None, moved).tolist()
             message = message._replace(payload={**message.payload, "velocity": velocity})
