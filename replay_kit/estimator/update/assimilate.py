@@ -1,108 +1,30 @@
 """Update of the unknowns by measurements, in blocks.
 
-The products of all columns of a block with the covariance are computed at once. Columns are then gated in order, each against the estimate
+The products of all columns of a block with the covariance are computed at once. Columns are then judged in order, each against the estimate
 after earlier ones, and update the mean; the covariance is updated once, at the end:
 
     C = D P,    S = R C D' R' + 1 = A A',    G = A^-1 R C,    x <- x + G' A^-1 (y - R D x),    P <- P - G'G.
 
-In between, only D x and D P D', the moments of the block's columns, are updated.
-
-Measurements of a column are each gated against the estimate before them; accepted ones are combined without loss, with w_i one over each
-one's error factor:
+In between, only D x and D P D' are updated. Accepted measurements of a column are combined without loss, with w_i one over the error
+factor of each:
 
     R'R = sum w_i R_i'R_i,    R'y = sum w_i R_i'y_i.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import dtrsm
-from scipy.linalg.lapack import dpotrf, dtrtrs
-from scipy.special import chdtri
 
-from replay_kit.core.arrays import Array, Indices, Mask, replace
+from replay_kit.core.arrays import Array, replace
 from replay_kit.estimator.state import FOLDED, State
 from replay_kit.estimator.update.columns import Column
+from replay_kit.estimator.update.judge import Judgements, Seen, judged
 from replay_kit.estimator.update.screening import Screened
 
 # Share of the largest eigenvalue below which a combination of rows is rounding.
 _ROUNDING = 1e-13
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Judgements:
-    """Gate decisions on n measurements of a column.
-
-    Attributes:
-        error_factor: shape (n,), factors on the error variances, at least 1.
-        statistic: shape (n,), normalised innovations squared with these factors.
-        threshold: shape (n,), chi-square quantiles; inf without a gate.
-        nis: shape (n,), normalised innovations squared with stated errors, including the compression's residual.
-        rows: shape (n,), numbers of rows.
-        left: shape (n,), degrees of freedom of the compression's residual.
-    """
-
-    error_factor: Array
-    statistic: Array
-    threshold: Array
-    nis: Array
-    rows: Indices
-    left: Indices
-
-    @property
-    def accepted(self) -> Mask:
-        """Mask of assimilated measurements."""
-        return np.asarray(self.statistic <= self.threshold)
-
-
-def judged_layout(
-    innovation: Array,
-    covariance: Array,
-    residual: tuple[Array, int],
-    probability: float | None,
-    persistence: Array | float = 1.0,
-) -> Judgements:
-    """Return the gate decisions on measurements of one layout.
-
-    A residual of the compression improbable as noise shows larger errors, adapted first.
-
-    Args:
-        innovation: shape (n, m), innovations of rows of unit noise.
-        covariance: shape (m, m), covariance of their prediction.
-        residual: Residual squares of the compression, shape (n,), and their degrees of freedom.
-        probability: Probability that valid measurements exceed the gate; None accepts all as stated.
-        persistence: Factors on variances, shape (n,), of errors that persist from bin to bin.
-    """
-    square, left = residual
-    n, rows = innovation.shape
-    scale, threshold = np.ones(n), np.inf
-    if probability is not None:
-        threshold = quantile(probability, rows)
-        if left:
-            scale = np.where(square > quantile(probability, left), square / left, 1.0)
-        scale = scale * persistence
-    of_rows = _normalised(innovation, covariance, 1.0)
-    statistic = of_rows.copy()
-    for i in np.flatnonzero(scale != 1.0).tolist():
-        statistic[i] = _normalised(innovation[i : i + 1], covariance, float(scale[i]))[0]
-    counts = np.full(n, rows), np.full(n, left)
-    return Judgements(scale, statistic, np.full(n, threshold), of_rows + square, *counts)
-
-
-def _normalised(innovation: Array, covariance: Array, noise: float) -> Array:
-    """Return the normalised innovations squared, shape (n,), for a noise variance."""
-    lower, _ = dpotrf(covariance + noise * np.eye(len(covariance)), lower=1)
-    white, _ = dtrtrs(lower, innovation.T, lower=1)
-    return np.asarray(np.sum(white**2, axis=0))
-
-
-@lru_cache(maxsize=1024)
-def quantile(probability: float, dof: int) -> float:
-    """Return the chi-square quantile of an exceedance probability; inf without degrees of freedom."""
-    return float(chdtri(dof, probability)) if dof else np.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,20 +33,16 @@ class Update:
 
     Attributes:
         column: Column.
-        before: shape (q,), mean of its unknowns before.
-        covariance: shape (q, q).
+        before, covariance: Mean, shape (q,), and covariance, shape (q, q), of its unknowns before.
         judgements: Gate decisions on its measurements.
-        mean_after: shape (q,), mean after accepted measurements.
-        covariance_after: shape (q, q).
+        mean_after, covariance_after: The same after accepted ones.
         signal: Degrees of freedom for signal.
         log_likelihood: Log density of accepted values under the prediction, without the constant of 2 pi, else NaN.
-        rows: shape (m, q), R of all accepted together; empty without any.
-        lower: shape (m, m), A.
+        rows, lower: R of all accepted, shape (m, q), and A, shape (m, m).
         gain: shape (m, k), rows of G.
         whitened: shape (m,), A^-1 (y - R D x).
-        square: Sum of squares of the values y.
-        seen: As in ``State``, after them; empty if none is accepted.
-        after: State after them.
+        square: Sum of squares of y.
+        seen, after: As in ``State``, and the state, after them.
     """
 
     column: Column
@@ -152,7 +70,7 @@ def assimilate(
     Args:
         state: State at the time of the columns.
         columns: Columns in order.
-        probability: See ``judged_layout``.
+        probability: See ``judge.judged_layout``.
     """
     if not columns:
         return state, []
@@ -205,13 +123,11 @@ class _Block:
         Args:
             column: Column.
             at: Slice of its unknowns.
-            probability: See ``judged_layout``.
+            probability: See ``judge.judged_layout``.
         """
         before, covariance = self.mean[at].copy(), self.covariance[at, at].copy()
-        seen = [
-            _Seen(column.rows(part), *column.compressed(part), part.at) for part in column.parts
-        ]
-        judgements = _judgements(seen, len(column.at), before, covariance, probability)
+        seen = [Seen(column.rows(part), *column.compressed(part), part.at) for part in column.parts]
+        judgements = judged(seen, len(column.at), before, covariance, probability)
         weights = np.where(judgements.accepted, 1.0 / judgements.error_factor, 0.0)
         if not weights.any():
             self.whitened.append(np.empty(0))
@@ -276,51 +192,7 @@ def lower_solved(lower: Array, right: Array) -> Array:
     return np.asarray(dtrsm(1.0, lower.T, right.T, side=1).T) if len(lower) else right
 
 
-class _Seen(NamedTuple):
-    """n measurements of a column with one layout.
-
-    Attributes:
-        rows: shape (m, q), rows of each.
-        y: shape (n, m), values.
-        square: shape (n,), residual square of the compression.
-        left: Degrees of freedom of this residual.
-        persistence: shape (n,), factors on error variances, see ``Column.compressed``.
-        at: shape (n,), indices among the column's measurements.
-    """
-
-    rows: Array
-    y: Array
-    square: Array
-    left: int
-    persistence: Array
-    at: Indices
-
-
-def _judgements(
-    seen: Sequence[_Seen], n: int, before: Array, covariance: Array, probability: float | None
-) -> Judgements:
-    """Return the gate decisions on all measurements of a column."""
-    each = [
-        judged_layout(
-            column.y - column.rows @ before,
-            column.rows @ covariance @ column.rows.T,
-            (column.square, column.left),
-            probability,
-            column.persistence,
-        )
-        for column in seen
-    ]
-    if len(each) == 1:
-        return each[0]
-    order = np.argsort(np.concatenate([column.at for column in seen]))
-    parts = (
-        np.concatenate([getattr(column, name) for column in each])[order]
-        for name in Judgements.__slots__
-    )
-    return Judgements(*parts)
-
-
-def combined_column(seen: Sequence[_Seen], weights: Array) -> tuple[Array, Array, float]:
+def combined_column(seen: Sequence[Seen], weights: Array) -> tuple[Array, Array, float]:
     """Return combined measurements of a column: rows of unit noise, values, and the residual square.
 
     Args:

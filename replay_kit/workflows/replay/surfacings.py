@@ -5,8 +5,8 @@ log without DACs dives are predicted from displacements (``displacements.py``).
 
 DACs are corrected for the flight-model error before assimilation. A DAC is the distance of a surfacing from its dead-reckoned position over
 the dive's duration. A relative error of the flight model is thus an error of the DAC: w (a + i b), with the velocity through the water w.
-An error estimated from earlier dives (``estimator/next_dive/flight.py``) is subtracted, its uncertainty added to the observation error. A
-dive's own DAC and profiles contribute from the next dive on.
+An error estimated from earlier dives (``FlightBias``) is subtracted, its uncertainty added to the observation error. A dive's own
+DAC and profiles contribute from the next dive on.
 
 Only profiles inverted from the dive's pings and DAC determine the flight model. Others are compared with uncorrected DACs to check the
 instrument (``measurements/checks``): a rotated one would look like a flight-model error. A DAC with inverted profiles is not new to the
@@ -33,8 +33,7 @@ from replay_kit.core.surfacing import (
     forecast_place,
     usual_seconds,
 )
-from replay_kit.estimator.next_dive.flight import FlightBias
-from replay_kit.estimator.next_dive.local import local_step
+from replay_kit.estimator.next_dive.corrections import FlightBias, local_step
 from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
 from replay_kit.measurements.means import Spot, extended_path, path_from

@@ -7,8 +7,8 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from replay_kit.estimator.next_dive import flight
-from replay_kit.estimator.next_dive.flight import LEAST_EVIDENCE, FlightBias
+from replay_kit.estimator.next_dive import corrections
+from replay_kit.estimator.next_dive.corrections import LEAST_EVIDENCE, FlightBias
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessSettings
 from tests.reference import mean_currents as slow
 
@@ -130,7 +130,7 @@ def test_one_wrong_mean_current_hardly_moves_an_error_that_is_known(error):
 def test_of_many_dives_those_are_left_out_without_which_the_evidence_is_least(monkeypatch):
     given = dives(8, 0.4)
     whole = after(given)[-1]
-    monkeypatch.setattr(flight, "_MOST_LEFT_OUT", 3)
+    monkeypatch.setattr(corrections, "_MOST_LEFT_OUT", 3)
     few = after(given)[-1]
     assert len(few.known.log_weights) == 1 + 3
     assert few.evidence == pytest.approx(whole.evidence, rel=1e-9)

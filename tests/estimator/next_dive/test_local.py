@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.flow.local import LocalCurrent
-from replay_kit.estimator.next_dive.local import local_step
+from replay_kit.estimator.next_dive.corrections import local_step
 
 HOUR = 3600 * 10**9
 

@@ -10,7 +10,7 @@ from replay_kit import Observation
 from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build, embed_member
-from replay_kit.estimator.update.assimilate import judged_layout
+from replay_kit.estimator.update.judge import judged_layout
 from tests import synthetic
 from tests.estimator.seas import CONFIG, SEA, profiles, relative
 
