@@ -71,9 +71,9 @@ def test_a_day_of_three_vehicles_is_told_alike_by_every_command(folder, monkeypa
         assert re.search(rf'data-key="[\w.]*observations.used" value="{used}"', page)
         assert f"{name} " in done.stdout
         if own["plan"] is not None:
-            odds = own["plan"]["odds"]
-            assert status[name]["odds"]["reached"] == odds["reached"]
-    assert told["vehicles"]["ship"]["observations"]["used"] == DAY
+            assert status[name]["odds"]["reached"] == own["plan"]["odds"]["reached"]
+    # the radar's current is not the truth's: where it was assimilated before, a few pings contradict the estimate
+    assert told["vehicles"]["ship"]["observations"]["used"] > 0.999 * DAY
     assert told["exit_code"] == max(told["exit_codes"], default=0)
     # the same from its inputs, and as it was followed but for the times of plans
     verified = succeed(f"verify {out} --inputs {folder} --inputs {folder}/.cache/replay-kit")
