@@ -82,6 +82,7 @@ def test_whatever_a_dataset_can_be_made_of_is_a_table(table, expected):
         ),
         ({"time": 1_542_330_000}, r"^measurements\['time'\]: .* got what would be seconds"),
         ({"u": ["bad"] * 48}, "^u: expected numbers, got texts"),
+        ({"lon": -207.6}, "^measurements: expected rows with a time and a place"),
         ({"time": np.arange(48)}, r"^measurements\['time'\]: .* got 0; give text"),
     ],
 )

@@ -243,6 +243,8 @@ def _table_profiles(value: Any, name: str, columns: Asked) -> list[Observation]:
         stored[short] = Stored(v.values, {"units": unit, **v.attrs}, tuple(map(str, v.dims)))
     asked = {key: names.get(column_name, column_name) for key, column_name in columns.items()}
     found, left_out = profiles_in_memory(name, stored, asked, notes)
+    if not found:
+        raise ConfigError(f"{name}: expected rows with a time and a place (longitude -180 to 360)")
     if left_out:
         notes.append(f"{left_out} rows without a time or a place excluded")
     for note in notes:
@@ -287,7 +289,7 @@ def _component(single: LinearMeasurement) -> dict[str, Any]:
 def _mean(mean: PathMean) -> dict[str, Any]:
     if mean.fixes is None:
         raise ConfigError(
-            f"observations: expected the fixes before and after each mean current, that at {mean.time_ns} ns has none"
+            f"observations: expected fixes around each mean current, that at {mean.time_ns} ns has none"
         )
     start, end = mean.fixes
     deepest = mean.deepest if np.isfinite(mean.deepest) else mean.depth.max()

@@ -83,7 +83,7 @@ def with_vehicles(job: ReplayJob, config: RunConfig) -> ReplayJob:
         if abs(first_ns - begin_ns) > _YEAR_NS:
             raise MeasurementError(
                 f"{name}: begins at {time_text(first_ns)}, the nearest of the others at {time_text(begin_ns)}: measurements of different "
-                "years do not share an estimate; replay it separately, or correct its clock"
+                "years share no estimate; replay it separately, or correct its clock"
             )
     logs = tuple(path for vehicle in placed if not vehicle.why_not for path in vehicle.logs)
     return replace(job, vehicles=tuple(placed), logs=logs, goal=None)
