@@ -97,7 +97,7 @@ def outcomes_sentence(found: Mapping[str, Any]) -> Sentence:
         else ", {inside_ellipse:share} inside the 90 % ellipse"
     )
     return sentence(
-        "Surfaced {distance_median_m:.0f} m from the plan, {delay_median_s:min} (median of {count})"
+        "Surfaced {distance_median_m:km} from the plan, {delay_median_s:min} (median of {count})"
         + share,
         found,
         "surfacings.",

@@ -77,6 +77,6 @@ def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside
         for area, late, away, distance in misses
     ]
     told = surfacings_part(each)
-    said = "Surfaced 3000 m from the plan, +1 min (median of 3), 50 % inside the 90 % ellipse"
+    said = "Surfaced 3.0 km from the plan, +1 min (median of 3), 50 % inside the 90 % ellipse"
     assert str(outcomes_sentence(told)) == said
     assert [one["inside_ellipse"] for one in told["each"]] == [True, False, None]
