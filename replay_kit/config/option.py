@@ -49,7 +49,7 @@ PLACE = Numbers("LON,LAT,DEPTH")
 
 
 @dataclass(frozen=True, slots=True)
-class OfVehicles(Numbers):
+class NumbersOfVehicles(Numbers):
     """Mark of numbers that may be preceded by ``NAME=``, for one vehicle."""
 
     def check(self, name: str, text: str) -> None:
@@ -57,7 +57,7 @@ class OfVehicles(Numbers):
         Numbers.check(self, name, text.rpartition("=")[2])
 
 
-PLACES = OfVehicles("LON,LAT,DEPTH")
+PLACES = NumbersOfVehicles("LON,LAT,DEPTH")
 
 
 def numbers(text: str, name: str, form: str | None = None) -> tuple[float, ...]:
