@@ -24,8 +24,8 @@ from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, checked_outcome
 from replay_kit.workflows.replay.conclude import found_of, useless_of
 from replay_kit.workflows.replay.events import Aside, Track
-from replay_kit.workflows.replay.inputs.forecast import build, flow_at, with_window
-from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, forecasts_of, logs_of
+from replay_kit.workflows.replay.inputs.forecast import Forecasts, build, flow_at, with_window
+from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
 from replay_kit.workflows.replay.inputs.prepare import Prepared, prepare
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.publishing import depth_slices
@@ -62,17 +62,9 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> Ou
     """
     check_outputs(job)
     with threadpool_limits(limits=config.output.threads):
-        progress(0, 0, "reading the forecast")
-        logs = logs_of(job, config)
-        forecasts = forecasts_of(job, config, logs)
-        if forecasts.read is not None:
-            raise ConfigError(
-                "smooth: windows that follow the vehicle are not smoothed; state one region with --region, or allow more "
-                "points with forecast.window_points"
-            )
-        estimator, done = build(forecasts, config), _Done()
-        alone = with_window(estimator, 0.0)
-        run, inputs = prepare(job, config, None, silent, forecasts, alone, logs)
+        run, inputs = prepare(replace(job, estimator=_one_by_one), config, None, progress)
+        vehicle, done = run.vehicles[0], _Done()
+        estimator = vehicle.setup.estimator
 
         def keep(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
             events = ((step.event, step.innovation) for _, step in steps)
@@ -84,19 +76,29 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> Ou
             done.sort(key=lambda one: one[0].time_ns)
 
         run.follow_up, run.rebuilt = keep, begin_anew
-        advance = reading(logs.all, progress, "reading the logs")
+        advance = reading(inputs.logs.all, progress, "reading the logs")
         for block in inputs.played(run):
             advance(len(block))
-        vehicle, (account,) = run.vehicles[0], inputs.accounts(run)
+        (account,) = inputs.accounts(run)
         useless_of(run, inputs)
         progress(0, 0, "smoothing")
         static = [] if changes(estimator) else [STATIC]
         found = found_of(vehicle, account, run.flow_now(), inputs)
-        notes = [*forecasts.notes, *found["notes"], *estimator.notes(), *static]
+        notes = [*inputs.forecasts.notes, *found["notes"], *estimator.notes(), *static]
         outcome = checked_outcome(found | {"notes": notes}, (*job.logs, *job.forecasts))
         with run.clock.stage("smooth"):
-            _write(job, config, inputs, estimator, run, done, outcome)
+            _write(inputs, run, done, outcome)
     return replace(outcome, seconds=dict(run.clock.seconds))
+
+
+def _one_by_one(forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
+    """Return the estimator of one region, which takes single profiles."""
+    if forecasts.read is not None:
+        raise ConfigError(
+            "smooth: windows that follow the vehicle are not smoothed; state one region with --region, or allow more "
+            "points with forecast.window_points"
+        )
+    return with_window(build(forecasts, config), 0.0)
 
 
 def published_times(first_ns: int, last_ns: int, interval: float) -> list[int]:
@@ -112,15 +114,13 @@ def changes(estimator: Estimator[Any]) -> TypeGuard[ReducedBasisEstimator]:
 
 
 def _write(
-    job: ReplayJob,
-    config: RunConfig,
     inputs: Prepared,
-    estimator: Estimator[Any],
     run: Run,
     done: _Done,
     outcome: Outcome,
 ) -> None:
     """Write the result."""
+    job, config, estimator = inputs.job, run.config, run.vehicles[0].setup.estimator
     measured = [event for event, innovation in done if innovation is not None]
     times = [event.time_ns for event in measured]
     for event, _ in done:

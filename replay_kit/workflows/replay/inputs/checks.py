@@ -43,7 +43,7 @@ from replay_kit.measurements.checks.profile import ENSEMBLE, REPAIRABLE, SURFACE
 from replay_kit.measurements.checks.slips import Sounding, declination_of, direction_faults
 from replay_kit.workflows.replay.conclude import useless_of
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts, build
-from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of, logs_of
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.prepare import prepare
 from replay_kit.workflows.replay.inputs.scan import Logs
@@ -71,11 +71,13 @@ def check_inputs(
     Raises:
         ReplayKitError: The replay would refuse the inputs.
     """
-    logs = logs_of(job, config)
-    forecasts = forecasts_of(job, config, logs)
-    screen = (_Screen if config.estimator.name == OWN else _OfProfiles)(forecasts, on_profile)
-    job = replace(job, out=None, truth=None)
-    run, inputs = prepare(job, config, planner_of, silent, forecasts, screen, logs)
+
+    def screen_of(forecasts: Forecasts, config: RunConfig) -> Estimator[None]:
+        kind = _Screen if config.estimator.name == OWN else _OfProfiles
+        return kind(forecasts, on_profile)
+
+    job = replace(job, out=None, truth=None, estimator=screen_of)
+    run, inputs = prepare(job, config, planner_of, silent)
 
     def messages() -> Iterator[Message]:
         for message in inputs.messages():
@@ -84,7 +86,7 @@ def check_inputs(
 
     deque(inputs.played(run, messages()), 0)
     useless_of(run, inputs)
-    return forecasts, run.vehicles[0].monitoring.findings
+    return inputs.forecasts, run.vehicles[0].monitoring.findings
 
 
 class _Screen(Estimator[None]):

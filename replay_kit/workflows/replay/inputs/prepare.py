@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from heapq import merge as merged_by
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.words.progress import Progress, Stopwatch
-from replay_kit.estimator import Estimator
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.step import for_region
 from replay_kit.workflows.replay.account import Account, surface_only
@@ -118,9 +116,7 @@ def prepare(
     config: RunConfig,
     planner_of: PlannerFactory | None,
     progress: Progress,
-    forecasts: Forecasts | None,
-    estimator: Estimator[Any] | None = None,
-    logs: Logs | None = None,
+    forecasts: Forecasts | None = None,
 ) -> tuple[Run, Prepared]:
     """Return a replay before its first message, and its inputs.
 
@@ -130,13 +126,11 @@ def prepare(
         planner_of: Factory of the planner for a job with a goal.
         progress: Called with the progress of each stage.
         forecasts: Result of ``forecasts_of`` for this job; None reads it.
-        estimator: Estimator in place of that of the settings.
-        logs: Its logs, if open.
     """
     progress(0, 0, "reading the forecast")
     clock = Stopwatch()
     with clock.stage("forecast"):
-        logs = logs or logs_of(job, config)
+        logs = logs_of(job, config)
         forecasts = forecasts or forecasts_of(job, config, logs)
         ensemble = forecasts.ensemble
         speeds = checked_speeds(ensemble, config)
@@ -155,9 +149,8 @@ def prepare(
         each.append((vehicle, settings, problem))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
-        if estimator is None:
-            make = job.estimator or partial(build, vehicles=len(each))
-            estimator = make(forecasts, config)
+        make = job.estimator or partial(build, vehicles=len(each))
+        estimator = make(forecasts, config)
         prior_flow = estimator.flow(estimator.initial())
     setups = list[Setup]()
     for number, (vehicle, settings, problem) in enumerate(each):
