@@ -7,9 +7,8 @@ Events of a vehicle arrive in log order, those of a dive after its surfacing. If
 earlier than its predecessors, and events are merged by due time, then vehicle.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +32,11 @@ _OF_POSITION = (
     *("time", "longitude", "latitude", "depth", "dead_reckoned"),
     *("input", "topic", "ordinal"),
 )
-_OF_PING = (*PROFILE, "bins", *OF_BINS)
+_COLUMNS = {
+    POSITION: _OF_POSITION,
+    PING: (*PROFILE, "bins", *OF_BINS),
+    LINEAR: ("time", "event"),
+}
 # Events among which the end of a group is looked for at first.
 _LOOKED = 256
 _NS = 1e9
@@ -113,41 +116,38 @@ class Events:
         time: shape (N,) [ns, UTC], times.
         due: shape (N,) [ns, UTC], the latest time up to each.
         kind: shape (N,), ``POSITION``, ``PING``, or ``LINEAR`` for all others.
-        position: Positions, as in ``Block``.
-        ping: Profiles, as in ``Block``.
-        others: Other observations.
+        rows: Columns of each kind: of positions and profiles as in ``Block``, of others ``time`` and ``event``; empty for none.
         topics: Names of topics, by number.
     """
 
     time: Times
     due: Times
     kind: NDArray[np.int64]
-    position: Columns
-    ping: Columns
-    others: tuple[_Other, ...] = ()
+    rows: Mapping[int, Columns]
     topics: Sequence[str] = ()
 
     @staticmethod
     def none() -> "Events":
         """Return an empty instance."""
         empty = np.empty(0, np.int64)
-        return Events(empty, empty, empty, {}, {})
+        return Events(empty, empty, empty, {number: {} for number in _COLUMNS})
 
     @staticmethod
     def of(block: Block, others: Sequence[_Other]) -> "Events":
         """Return the events of a block; ``others`` are neither positions nor profiles, in order."""
         _, kind, row = block.events.T
         kind = np.where((kind == POSITION) | (kind == PING), kind, LINEAR)
-        time = np.empty(len(kind), np.int64)
-        position = _chosen(block.position, _OF_POSITION, row[kind == POSITION])
-        ping = _chosen(block.ping, _OF_PING, row[kind == PING])
-        for number, columns in ((POSITION, position), (PING, ping)):
-            if columns:
-                time[kind == number] = columns["time"]
-        time[kind == LINEAR] = [one.time_ns for one in others]
-        return Events(
-            time, np.maximum.accumulate(time), kind, position, ping, (*others,), block.topics
-        )
+        row = np.where(kind == LINEAR, np.cumsum(kind == LINEAR) - 1, row)
+        times = np.array([one.time_ns for one in others], np.int64)
+        given = {"time": times, "event": np.fromiter(others, np.object_, len(others))}
+        rows, time = dict[int, Columns](), np.empty(len(kind), np.int64)
+        for number, columns in ((POSITION, block.position), (PING, block.ping), (LINEAR, given)):
+            own = kind == number
+            held = {name: columns[name] for name in _COLUMNS[number]} if own.any() else {}
+            rows[number] = chosen_rows(held, row[own])
+            if held:
+                time[own] = rows[number]["time"]
+        return Events(time, np.maximum.accumulate(time), kind, rows, block.topics)
 
     def __len__(self) -> int:
         """Return the number of events."""
@@ -170,41 +170,30 @@ class Events:
             np.concatenate([getattr(self, name), getattr(more, name)])
             for name in ("time", "due", "kind")
         )
-        position, ping = (
-            _joined(*both) for both in ((self.position, more.position), (self.ping, more.ping))
-        )
-        others = self.others + more.others
-        return Events(time, due, kind, position, ping, others, more.topics)
+        rows = {number: _joined(self.rows[number], more.rows[number]) for number in _COLUMNS}
+        return Events(time, due, kind, rows, more.topics)
 
     def without(self, unused: NDArray[np.bool_]) -> "Events":
         """Return the events without some, shape (N,)."""
         kept = ~unused
-        position, ping, others = (kept[self.kind == number] for number in (POSITION, PING, LINEAR))
-        return Events(
-            self.time[kept],
-            self.due[kept],
-            self.kind[kept],
-            {name: column[position] for name, column in self.position.items()},
-            {name: column[ping] for name, column in self.ping.items()},
-            tuple(compress(self.others, others.tolist())),
-            self.topics,
-        )
+        rows = {
+            number: {name: column[kept[self.kind == number]] for name, column in columns.items()}
+            for number, columns in self.rows.items()
+        }
+        return Events(self.time[kept], self.due[kept], self.kind[kept], rows, self.topics)
 
     def profiles(self, begin: int, end: int) -> Profiles:
         """Return rows of profiles with equal numbers of bins."""
-        bins = int(self.ping["bins"][begin])
-        columns = {name: self.ping[name][begin:end] for name in PROFILE}
-        columns |= {name: self.ping[name][begin:end, :bins] for name in OF_BINS}
+        ping = self.rows[PING]
+        bins = int(ping["bins"][begin])
+        columns = {name: ping[name][begin:end] for name in PROFILE}
+        columns |= {name: ping[name][begin:end, :bins] for name in OF_BINS}
         return Profiles(columns, self.topics)
 
     def track(self, begin: int, end: int) -> Track:
         """Return rows of positions."""
-        columns = {name: column[begin:end] for name, column in self.position.items()}
+        columns = {name: column[begin:end] for name, column in self.rows[POSITION].items()}
         return Track(columns, self.topics)
-
-
-def _chosen(columns: Columns, names: Sequence[str], at: Indices) -> Columns:
-    return chosen_rows({name: columns[name] for name in names}, at) if at.size else {}
 
 
 def _joined(first: Columns, more: Columns) -> Columns:
@@ -247,7 +236,7 @@ def ready_items(
         last: Whether no events follow.
     """
     found, i, n = list[Item](), 0, len(events)
-    rows = {number: np.cumsum(events.kind == number) for number in (POSITION, PING, LINEAR)}
+    rows = {number: np.cumsum(events.kind == number) for number in _COLUMNS}
     kind, due = events.kind.tolist(), events.due.tolist()
     alone = _alone(events, grouping)
     breaks = np.append(np.flatnonzero(np.diff(events.kind)) + 1, n)
@@ -269,7 +258,8 @@ def ready_items(
             end = int(breaks[np.searchsorted(breaks, i, side="right")])
             tracks(i, end)
         elif kind[i] == LINEAR:
-            found.append(Item(due[i], vehicle, vehicle, events.others[rows[LINEAR][i] - 1]))
+            other = events.rows[LINEAR]["event"][rows[LINEAR][i] - 1]
+            found.append(Item(due[i], vehicle, vehicle, other))
             end = i + 1
         else:
             first, end = int(rows[PING][i]) - 1, i + 1
@@ -307,7 +297,7 @@ def _go_on(
     found: NDArray[np.bool_] = (events.kind[at] == POSITION) & grouping.lasts(elapsed)
     if ping.any():
         first, later = row[begin[ping]], row[at[ping]]
-        found[ping] = grouping.fit(events.ping, first - 1, later - 1, later - first)
+        found[ping] = grouping.fit(events.rows[PING], first - 1, later - 1, later - first)
     return found
 
 
