@@ -21,7 +21,7 @@ from replay_kit.workflows.replay.inputs.provenance import (
     PLAN_RECORD,
     PROVIDED,
     RIVAL,
-    file_hash,
+    input_hash,
     with_bathymetry,
 )
 from replay_kit.workflows.replay.inputs.region import REGION_RECORD, from_record
@@ -126,7 +126,7 @@ def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Pat
     places = [path for folder in folders for path in (folder / name, folder) if path.name == name]
     for path in places:
         if path.exists():
-            if file_hash(path) == digest:
+            if input_hash(path) == digest:
                 return path
             others.append(str(path))
     what = f"found only other contents: {', '.join(others)}" if others else "there is none"

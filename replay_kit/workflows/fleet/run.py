@@ -16,7 +16,6 @@ from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.checks import DryRun, dry_run
 from replay_kit.workflows.replay.inputs.provenance import (
-    file_hash,
     input_hash,
     package_versions,
     run_settings_toml,
@@ -86,7 +85,7 @@ def _run(mission: Mission, identity: str) -> Outcome:
     began = time.perf_counter()
     mission.record.unlink(missing_ok=True)
     outcome, _ = replay(replace(mission.job, overwrite=True), mission.config, planner_of)
-    digest = file_hash(mission.result)
+    digest = input_hash(mission.result)
     answer = outcome.to_json() | {"seconds_in_all": time.perf_counter() - began}
     record = {
         "result": mission.result.name,
@@ -126,7 +125,7 @@ def _kept(mission: Mission, identity: str) -> Outcome | None:
         record = json.loads(mission.record.read_bytes())
         same = record.pop("record_sha256") == _digest(record)
         same &= record["inputs_sha256"] == identity
-        if not same or record["sha256"] != file_hash(mission.result):
+        if not same or record["sha256"] != input_hash(mission.result):
             return None
         return Outcome(mission.name, record, record["sha256"], True, exit_code=record["exit_code"])
     except (OSError, ValueError, LookupError, TypeError):

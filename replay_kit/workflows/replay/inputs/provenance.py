@@ -36,13 +36,8 @@ FOLLOWED = "replay_kit.followed"
 _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
 
 
-def file_hash(path: Path) -> str:
-    """Return the SHA-256 of a file, or of all files of a store in the order of their names."""
-    return _hash_of(_parts(path))
-
-
 def input_hash(path: Path) -> str:
-    """Return ``file_hash`` of an input, computed once in a process as long as the file has the same stamp.
+    """Return the SHA-256 of a file, or of all files of a store in the order of their names; computed once for equal stamps.
 
     Missions of a fleet share forecasts of gigabytes, and a mission that is followed is replayed with the same one.
     """
@@ -56,10 +51,6 @@ def _parts(path: Path) -> tuple[Path, ...]:
 
 @lru_cache(maxsize=256)
 def _known_hash(parts: tuple[Path, ...], stamps: tuple[Stamp, ...]) -> str:
-    return _hash_of(parts)
-
-
-def _hash_of(parts: Iterable[Path]) -> str:
     digest = hashlib.sha256()
     for part in parts:
         with open_input(part) as stream:
