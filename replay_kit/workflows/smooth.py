@@ -79,11 +79,10 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> Ou
         advance = reading(inputs.logs.all, progress, "reading the logs")
         for block in inputs.played(run):
             advance(len(block))
-        (account,) = inputs.accounts(run)
         useless_of(run, inputs)
         progress(0, 0, "smoothing")
         static = [] if changes(estimator) else [STATIC]
-        found = found_of(vehicle, account, run.flow_now(), inputs)
+        found = found_of(vehicle, run.flow_now(), inputs)
         notes = [*inputs.forecasts.notes, *found["notes"], *estimator.notes(), *static]
         outcome = checked_outcome(found | {"notes": notes}, (*job.logs, *job.forecasts))
         with run.clock.stage("smooth"):

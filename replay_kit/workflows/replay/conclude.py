@@ -29,7 +29,7 @@ from replay_kit.results.outcome.parts import (
     plan_part,
     surfacings_part,
 )
-from replay_kit.workflows.replay.account import Account, pooled_part
+from replay_kit.workflows.replay.account import pooled_part
 from replay_kit.workflows.replay.consistency import check_file, conclusions, require_one_vehicle
 from replay_kit.workflows.replay.inputs.forecast import flow_at
 from replay_kit.workflows.replay.inputs.job import name_of, open_truth
@@ -53,7 +53,7 @@ def conclude(
     job, useless = inputs.job, useless_of(run, inputs)
     flows, windows = _last_flows(run)
     flow, estimator = flows[0], run.vehicles[0].setup.estimator
-    each = zip(run.vehicles, inputs.accounts(run), flows, strict=True)
+    each = zip(run.vehicles, flows, strict=True)
     found = {one[0].setup.name: found_of(*one, inputs, others) for one in each}
     values = next(iter(found.values()))
     if job.vehicles:
@@ -144,11 +144,8 @@ def so_far(run: Run, inputs: Prepared) -> Outcome:
 
 
 def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
-    accounts = inputs.accounts(run)
-    each = {
-        vehicle.setup.name: account for vehicle, account in zip(run.vehicles, accounts, strict=True)
-    }
-    return pooled_part(each) if inputs.job.vehicles else accounts[0].part()
+    each = {vehicle.setup.name: vehicle.account for vehicle in run.vehicles}
+    return pooled_part(each) if inputs.job.vehicles else each[""].part()
 
 
 def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
@@ -158,9 +155,10 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
         MeasurementError: No vehicle contributed anything.
     """
     useless, last = dict[str, str](), None
-    for vehicle, account in zip(run.vehicles, inputs.accounts(run), strict=True):
+    names = [log.path for log in inputs.logs.all]
+    for vehicle in run.vehicles:
+        account = vehicle.account
         try:
-            names = [*[""] * account.first_input, *(one.path for one in account.reports)]
             require_one_vehicle(vehicle.monitoring, names)
             if not vehicle.monitoring.explains_no_profile:
                 account.require_usable(inputs.forecasts.ensemble.grid, inputs.logs)
@@ -183,13 +181,12 @@ def _caveats(notes: Iterable[str]) -> list[str]:
 
 def found_of(
     vehicle: VehicleRun,
-    account: Account,
     flow: FlowEstimate,
     inputs: Prepared,
     others: Sequence[tuple[str, Evidence]] = (),
 ) -> dict[str, Any]:
     """Return the values of an outcome for one vehicle."""
-    setup = vehicle.setup
+    setup, account = vehicle.setup, vehicle.account
     of_file = check_file(setup.estimator, vehicle.monitoring.means)
     findings, blind = conclusions(vehicle.monitoring, vehicle.counts, setup.config, of_file)
     told, planning = setup.config.planner.depth, vehicle.planning

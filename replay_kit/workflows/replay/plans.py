@@ -1,6 +1,5 @@
 """Planning stage: times and starts of plans, and outcomes of predicted surfacings."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,15 +14,13 @@ from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_outcome
 from replay_kit.measurements.track.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.inputs.planner import Planner, PlanQuery, PlanResult
-from replay_kit.workflows.replay.publishing import Output
+from replay_kit.workflows.replay.publishing import FlowAt, Output
 
 #: Why nothing is planned for a table of profiles.
 NO_START = (
     "the log has no position of the vehicle to start from; plan on the result: replay-kit plan RESULT.mcap --start LON,LAT,DEPTH --goal "
     "LON,LAT,DEPTH"
 )
-#: Returns the estimate for a time [ns, UTC].
-FlowAt = Callable[[int], FlowEstimate]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,9 +32,10 @@ _MOST_CELLS = 1600
 _MOVED = 10.0
 _Place = tuple[float, float, float]
 
-
 #: Writes what is published to a result.
 Output = Callable[[ResultWriter], None]
+#: Returns the estimate for a time [ns, UTC].
+FlowAt = Callable[[int], FlowEstimate]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +92,7 @@ class PublishingState:
 
 
 def publish_surface(
-    writer: ResultWriter, state: PublishingState, step: Step, flow_at: Callable[[int], FlowEstimate]
+    writer: ResultWriter, state: PublishingState, step: Step, flow_at: FlowAt
 ) -> PublishingState:
     """Write the surface current by the vectors of a radar, if a step assimilated such, and return the state after it.
 
@@ -121,7 +122,7 @@ def publish_track(
     writer: ResultWriter,
     state: PublishingState,
     track: Iterable[VehicleState],
-    flow_at: Callable[[int], FlowEstimate],
+    flow_at: FlowAt,
 ) -> PublishingState:
     """Write consecutive positions and the vehicle's frame, oriented along its track; return the state after them."""
     track = list(track)

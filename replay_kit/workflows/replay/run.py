@@ -27,6 +27,7 @@ from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.workflows.replay import consistency, plans
 from replay_kit.workflows.replay.events import Aside, Events, Item, Track, lightened, ready_items
 from replay_kit.workflows.replay.publishing import (
+    FlowAt,
     Output,
     depth_slices,
     publish_innovations,
@@ -409,9 +410,7 @@ def _follow(run: Run, vehicle: VehicleRun, step: Step) -> None:
         _plan(run, vehicle, plans.after_event, event, after)
 
 
-def _publish(
-    run: Run, vehicle: VehicleRun, step: Step, flow_after: Callable[[int], FlowEstimate]
-) -> None:
+def _publish(run: Run, vehicle: VehicleRun, step: Step, flow_after: FlowAt) -> None:
     """Publish positions, or the surface current and due depth slices after an observation."""
     if run.writer is None:
         return

@@ -307,26 +307,28 @@ class Counts:
 
     def notes(self) -> list[str]:
         """Return notes on the gate and the consistency checks, as sentences."""
-        total, notes = self.total, list[str]()
-        if total.means and total.means == total.profiles:
-            notes.append(
+        total, only_means = self.total, self.total.means == self.total.profiles
+        told = (
+            (
+                total.means * only_means,
                 f"no profile of the current was used: the estimate is based on {total.means} mean currents of dives only; "
-                "the shear is that of the ensemble"
-            )
-        if self.interpolated:
-            notes.append(
+                "the shear is that of the ensemble",
+            ),
+            (
+                self.interpolated,
                 f"{self.interpolated} profiles in dives were placed between positions far apart in time, to within "
-                f"{self.position_std:.0f} m (measurements.position_max_gap)"
-            )
-        if total.repeated:
-            notes.append(
-                f"{total.repeated} profiles not used: duplicates, or older than their predecessors, as where logs overlap"
-            )
-        if total.gated:
-            notes.append(
-                f"{total.gated} profiles contradicted the estimate and were rejected; [gating] sets the gate"
-            )
-        return notes
+                f"{self.position_std:.0f} m (measurements.position_max_gap)",
+            ),
+            (
+                total.repeated,
+                f"{total.repeated} profiles not used: duplicates, or older than their predecessors, as where logs overlap",
+            ),
+            (
+                total.gated,
+                f"{total.gated} profiles contradicted the estimate and were rejected; [gating] sets the gate",
+            ),
+        )
+        return [note for number, note in told if number]
 
 
 def counts_with(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[Key, int]:

@@ -14,7 +14,7 @@ estimate: without a correction its error includes the remaining uncertainty of t
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,6 +51,7 @@ from replay_kit.workflows.replay.displacements import (
     spot_of,
 )
 from replay_kit.workflows.replay.events import Aside, Track
+from replay_kit.workflows.replay.publishing import FlowAt
 from replay_kit.workflows.replay.steps import Step
 
 # The ensemble alone, and the estimate before the dive.
@@ -61,8 +62,6 @@ _BY_FIXES = MeanCurrentProcess(n_backgrounds=1)
 _NOWHERE = dict.fromkeys(Spot._fields, np.empty(0)) | {"time": np.empty(0, np.int64)}
 # m; cells in which a dive's profiles are averaged
 _CELL = 10.0
-#: Returns the estimate for a time [ns, UTC].
-FlowAt = Callable[[int], FlowEstimate]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

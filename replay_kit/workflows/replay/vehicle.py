@@ -14,10 +14,12 @@ from replay_kit.core.observation.table import MEAN, PING, POSITION, Block, Integ
 from replay_kit.estimator import Estimator
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.observed import Stream, path_mean
+from replay_kit.workflows.replay.account import Account
 from replay_kit.workflows.replay.consistency import MonitoringState, trusting_estimator, with_tracks
 from replay_kit.workflows.replay.events import Aside, Events
 from replay_kit.workflows.replay.inputs.forecast import flow_at
 from replay_kit.workflows.replay.inputs.planner import VehiclePlanner
+from replay_kit.workflows.replay.inputs.scan import VehicleLogs
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.publishing import PublishingState
 from replay_kit.workflows.replay.steps import Counts, Dive, counts_with
@@ -34,6 +36,7 @@ class Setup:
         problem: Planning problem; None plans nothing.
         speeds: Speeds of the ensemble to compare the log with; None for no comparison.
         name: Name of one of several; empty for the only one.
+        logs: Its logs; None for messages from elsewhere.
     """
 
     estimator: Estimator[Any]
@@ -41,6 +44,7 @@ class Setup:
     problem: PlanningProblem | None = None
     speeds: EnsembleSpeeds | None = None
     name: str = ""
+    logs: VehicleLogs | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -84,6 +88,15 @@ class VehicleRun:
         """What changes with messages, by name, as kept in a checkpoint."""
         names = (one.name for one in fields(self) if one.name not in ("setup", "flown"))
         return {name: getattr(self, name) for name in names}
+
+    @property
+    def account(self) -> Account:
+        """Account of the messages of its logs and of its observations so far."""
+        logs = self.setup.logs
+        assert logs is not None
+        return Account(
+            self.counts, [log.report() for log in logs.files], logs.merged, logs.files[0].input
+        )
 
     @property
     def estimator(self) -> Estimator[Any]:

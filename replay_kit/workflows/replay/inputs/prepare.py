@@ -17,7 +17,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.words.progress import Progress, Stopwatch
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.step import for_region
-from replay_kit.workflows.replay.account import Account, surface_only
+from replay_kit.workflows.replay.account import surface_only
 from replay_kit.workflows.replay.consistency import checked_speeds
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, build
 from replay_kit.workflows.replay.inputs.job import (
@@ -29,7 +29,7 @@ from replay_kit.workflows.replay.inputs.job import (
 )
 from replay_kit.workflows.replay.inputs.planner import HasGrid, Planner, PlannerFactory
 from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_options
-from replay_kit.workflows.replay.inputs.scan import Logs, next_block
+from replay_kit.workflows.replay.inputs.scan import Logs, VehicleLogs, next_block
 from replay_kit.workflows.replay.inputs.vehicles import first_windows
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.run import END, Run
@@ -58,22 +58,10 @@ class Prepared:
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages of all vehicles by time, then by input, and a mark where those of each vehicle end."""
-        each = [
-            _to_end(iter(merged), logs[0].input)
-            for merged, logs in zip(self.logs.merged, self.logs.by_vehicle, strict=True)
-        ]
+        each = [_to_end(iter(one.merged), one.files[0].input) for one in self.logs.by_vehicle]
         if len(each) == 1:
             return each[0]
         return merged_by(*each, key=lambda message: (message.time_ns, message.input))
-
-    def accounts(self, run: Run) -> list[Account]:
-        """Return the account of each vehicle's messages and observations so far."""
-        return [
-            Account(vehicle.counts, [log.report() for log in logs], merged, logs[0].input)
-            for vehicle, logs, merged in zip(
-                run.vehicles, self.logs.by_vehicle, self.logs.merged, strict=True
-            )
-        ]
 
     def played(
         self,
@@ -137,28 +125,28 @@ def prepare(
         truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
     firsts = first_windows(job, forecasts)
     # goals out of reach are refused before the basis is computed
-    each = list[tuple[Vehicle, RunConfig, PlanningProblem | None]]()
+    each = list[tuple[Vehicle, VehicleLogs, RunConfig, PlanningProblem | None]]()
     for vehicle, own_logs in zip(job.each_vehicle, logs.by_vehicle, strict=True):
-        settings, problem = with_planner_kind(vehicle, own_logs, config), None
+        settings, problem = with_planner_kind(vehicle, own_logs.files, config), None
         if vehicle.goal is not None and planner_of is not None:
             planner = planner_of(settings.planner, ensemble.grid)
             check_goal(planner, ensemble, vehicle.goal, logs)
             later = () if job.following is None else job.following.goals
             surface = settings.measurements.surface_depth
             problem = PlanningProblem(planner, vehicle.goal, settings.planner, surface, later)
-        each.append((vehicle, settings, problem))
+        each.append((vehicle, own_logs, settings, problem))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         make = job.estimator or partial(build, vehicles=len(each))
         estimator = make(forecasts, config)
         prior_flow = estimator.flow(estimator.initial())
     setups = list[Setup]()
-    for number, (vehicle, settings, problem) in enumerate(each):
+    for number, (vehicle, own_logs, settings, problem) in enumerate(each):
         follows, expected, first = estimator, speeds, firsts.get(vehicle.name)
         if first is not None and forecasts.read is not None:
             follows = estimator.of_vehicle(number, first)
             expected = checked_speeds(forecasts.read(first), config)
-        setups.append(Setup(follows, settings, problem, expected, vehicle.name))
+        setups.append(Setup(follows, settings, problem, expected, vehicle.name, own_logs))
     # without a goal nothing reads the bathymetry
     bathymetry = config.planner.bathymetry_path if any(one.problem for one in setups) else None
     metadata = dict[str, Mapping[str, str]]()
@@ -166,7 +154,7 @@ def prepare(
         options = run_options(job, prior_flow)
         metadata = run_metadata(job, forecasts, logs.all, options, bathymetry)
     measured_by = for_region(setups[0].config, ensemble).measurements
-    owners = [number for number, of_vehicle in enumerate(logs.by_vehicle) for _ in of_vehicle]
+    owners = [number for number, one in enumerate(logs.by_vehicle) for _ in one.files]
     run = Run(setups, measured_by, clock, owners)
     return run, Prepared(job, logs, forecasts, prior_flow, truth, metadata)
 

@@ -63,36 +63,42 @@ class Reach:
     last_ns: int | None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class VehicleLogs:
+    """Opened logs of a vehicle.
+
+    Attributes:
+        files: The logs, numbered consecutively among those of all vehicles.
+        merged: Their messages in order.
+    """
+
+    files: Sequence[LogFile]
+    merged: Merge[Message]
+
+
 class Logs:
     """Logs of a run's vehicles, each opened once: their reach and messages.
 
     Attributes:
         config: The run's settings.
-        by_vehicle: Opened logs of each vehicle, numbered consecutively.
-        merged: Their messages in order.
+        all: Logs of all vehicles.
+        by_vehicle: Logs of each vehicle.
     """
 
     def __init__(self, each: Sequence[Sequence[Path]], config: RunConfig) -> None:
         """Open the logs of each vehicle; for errors see ``open_readers``."""
         self.config, settings = config, config.logs
-        self.by_vehicle = [open_readers(paths, config) for paths in each]
-        for number, log in enumerate(self.all):
-            log.input = number
-        self._begun = [_Begun(log) for log in self.all]
-        self.merged: list[Merge[Message]] = [
-            merge(
-                [self._begun[log.input] for log in logs],
-                settings.reorder_window,
-                settings.start_ns,
-                settings.end_ns,
-            )
-            for logs in self.by_vehicle
-        ]
-
-    @property
-    def all(self) -> list[LogFile]:
-        """Logs of all vehicles."""
-        return [log for logs in self.by_vehicle for log in logs]
+        self.all, self._begun = list[LogFile](), list[_Begun]()
+        self.by_vehicle = list[VehicleLogs]()
+        span = settings.reorder_window, settings.start_ns, settings.end_ns
+        for paths in each:
+            files = open_readers(paths, config)
+            for number, log in enumerate(files, len(self.all)):
+                log.input = number
+            begun = [_Begun(log) for log in files]
+            self.by_vehicle.append(VehicleLogs(files, merge(begun, *span)))
+            self.all += files
+            self._begun += begun
 
     def close(self) -> None:
         """Close the files of passes that did not end."""
