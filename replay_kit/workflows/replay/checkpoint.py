@@ -160,7 +160,7 @@ class States:
             self._waiting.append(checkpoint)
         else:
             run.writer.flush()
-            self._write(checkpoint)
+            write_state(self.path, self._identity, checkpoint)
             self._written_ns = run.last_ns
 
     def end(self) -> None:
@@ -173,15 +173,12 @@ class States:
         elif self._ready is not None:
             if self.path.exists():
                 self.path.replace(self._before)
-            self._write(self._ready)
+            write_state(self.path, self._identity, self._ready)
 
     def forget(self) -> None:
         """Delete unusable states."""
         self.path.unlink(missing_ok=True)
         self._before.unlink(missing_ok=True)
-
-    def _write(self, checkpoint: Checkpoint) -> None:
-        write_state(self.path, self._identity, checkpoint)
 
 
 def _bytes_of(message: Message) -> bytes:
@@ -196,7 +193,7 @@ def _plain(value: Any) -> Any:
 
 
 # First line of the file; the number is that of the form.
-_KIND, _FORM = b"replay-kit state ", b"18\n"
+_KIND, _FORM = b"replay-kit state ", b"19\n"
 _ARRAYS = frozenset({"_reconstruct", "_frombuffer", "scalar", "dtype", "ndarray"})
 
 

@@ -72,9 +72,9 @@ def conclude(
     with run.clock.stage("write"):
         _write(run, inputs, outcome, found, flow, windows)
     score, said = None, list[str]()
-    if inputs.truth is not None:
+    if job.truth is not None:
         with run.clock.stage("score"):
-            score, said = _score(run, inputs, inputs.truth, flow)
+            score, said = _score(run, inputs, flow)
     truth, seconds = checked_outcome({"truth": score}).truth, dict(run.clock.seconds)
     told = (*outcome.notes, *said)
     return replace(outcome, seconds=seconds, truth=truth, notes=told), flow
@@ -96,8 +96,7 @@ def _write(
                 if (flown := each.forecasts.as_flown) is not None:
                     writer.record(AS_FLOWN, flown.to_record())
         writer.summary(run.last_ns, outcome)
-        withdrawn = run.vehicles[0].publishing.withdrawn
-        stated = {"withdrawn": str(withdrawn)} if withdrawn else {}
+        stated = {"withdrawn": str(run.withdrawn)} if run.withdrawn else {}
         stated |= {"vehicles": json.dumps(windows)} if windows else {}
         if stated:
             writer.write_metadata(WINDOWS_RECORD, stated)
@@ -239,7 +238,7 @@ def _pooled_values(
 
 
 def _score(
-    run: Run, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
+    run: Run, inputs: Prepared, flow: FlowEstimate
 ) -> tuple[dict[str, float] | None, list[str]]:
     """Return the score, None with the reason where none of the truth can be scored."""
     job, forecasts, config = inputs.job, inputs.forecasts, run.config
@@ -251,8 +250,8 @@ def _score(
     elif forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
         near_ns = flow.time_ns
-    if forecasts.read is not None or forecasts.evolves:
-        truth = open_truth(job, config, near_ns, forecasts.ensemble, box) or truth
+    truth = open_truth(job, config, near_ns, forecasts.ensemble, box)
+    assert truth is not None
     ensemble = forecasts.nearest(flow.time_ns)
     try:
         return score_against_truth(flow, ensemble, truth, config.estimator), []

@@ -175,7 +175,7 @@ def readmitted(
     # they belong to dives before this one
     given = [(0, event) for event in state.gated]
     after, _, steps = assimilate([estimator], current, [Dive(current)], given)
-    before = counts.without(rejected=len(given), gated=len(given))
+    before = counts.plus(Sums(rejected=-len(given), gated=-len(given)))
     return after, replace(state, gated=()), before.after([step for _, step in steps])
 
 
@@ -200,13 +200,6 @@ def left_out(state: MonitoringState, found: FoundWith) -> tuple[MonitoringState,
         (replace(finding, distrusts=True, advice=advice), contradict)
         for finding, contradict in found
     ]
-
-
-def trusting_estimator(estimator: Any, state: MonitoringState) -> Any:
-    """Return the estimator, with a gate that rejects neither source while two contradict each other."""
-    if not state.contradict or getattr(estimator, "probability", None) is None:
-        return estimator
-    return replace(estimator, probability=None)
 
 
 def conclusions(

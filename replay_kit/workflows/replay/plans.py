@@ -3,8 +3,6 @@
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -14,7 +12,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_outcome
 from replay_kit.measurements.track.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.inputs.planner import Planner, PlanQuery, PlanResult
-from replay_kit.workflows.replay.publishing import FlowAt, Output
+from replay_kit.workflows.replay.publishing import FlowAt, Output, depth_of
 
 #: Why nothing is planned for a table of profiles.
 NO_START = (
@@ -225,5 +223,4 @@ def plan_at_end(
 
 def _place_of(position: VehicleState) -> Place:
     """Return the place of a position; at the surface if its depth is unknown."""
-    depth = max(position.depth, 0.0) if np.isfinite(position.depth) else 0.0
-    return Place(position.longitude, position.latitude, depth)
+    return Place(position.longitude, position.latitude, depth_of(position))

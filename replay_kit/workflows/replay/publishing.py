@@ -78,16 +78,12 @@ class PublishingState:
         projection: Local frame; None before the first position.
         turned: Local east and north [m] of the last heading, and the heading, clockwise from local north [rad].
         placed: Local east, north and depth [m] of the frame last published.
-        windows: Number of windows left and published.
-        withdrawn: Number of these, the first ones, from before a rebuild of the estimate.
         surface: State of the radar residuals.
     """
 
     projection: Projection | None = None
     turned: _Place | None = None
     placed: _Place | None = None
-    windows: int = 0
-    withdrawn: int = 0
     surface: SurfaceState = field(default_factory=SurfaceState)
 
 
@@ -131,7 +127,7 @@ def publish_track(
     local = (each.tolist() for each in to_local(projection, *degrees.T))
     turned, placed = state.turned, state.placed
     for position, east, north in zip(track, *local, strict=True):
-        turned, place = turned or (east, north, 0.0), (east, north, _depth(position))
+        turned, place = turned or (east, north, 0.0), (east, north, depth_of(position))
         moved = east - turned[0], north - turned[1]
         if math.hypot(*moved) > _MOVED:
             turned = east, north, math.atan2(*moved)
@@ -157,7 +153,8 @@ def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> Ou
     return write
 
 
-def _depth(position: VehicleState) -> float:
+def depth_of(position: VehicleState) -> float:
+    """Return the depth of a position [m]; that of the surface if it is unknown."""
     return max(float(position.depth), 0.0) if math.isfinite(position.depth) else 0.0
 
 

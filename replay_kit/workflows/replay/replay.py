@@ -142,16 +142,15 @@ def _rivals(
 
 def _states(run: Run, inputs: Prepared) -> States | None:
     """Return the state file of a replay; None without one."""
-    job, config = inputs.job, run.config
-    settings, interval = run_settings_toml(config), config.output.checkpoint_interval
+    job, config, window = inputs.job, run.config, None
+    path, records = job.checkpoint, inputs.metadata
     if job.following is not None:
-        identity = run_identity(lasting_records(inputs.metadata), settings)
-        return States(
-            job.following.states / "state", identity, interval, config.logs.reorder_window
-        )
-    if job.checkpoint is None:
+        path, records = job.following.states / "state", lasting_records(records)
+        window = config.logs.reorder_window
+    if path is None:
         return None
-    return States(job.checkpoint, run_identity(inputs.metadata, settings), interval, None)
+    identity = run_identity(records, run_settings_toml(config))
+    return States(path, identity, config.output.checkpoint_interval, window)
 
 
 def _loop(

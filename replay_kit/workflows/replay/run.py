@@ -54,7 +54,7 @@ _NEVER = 2**63 - 1
 # What of a run changes with its messages.
 _STATE = (
     *("current", "_waiting", "_n_waiting", "kept"),
-    *("next_slices_ns", "messages", "last_ns"),
+    *("next_slices_ns", "messages", "last_ns", "windows", "withdrawn"),
 )
 
 
@@ -72,6 +72,8 @@ class Run:
         next_slices_ns: Due time of the next depth slices of each window [ns, UTC].
         messages: Number of processed messages.
         last_ns: Time of the last one [ns, UTC].
+        windows: Number of windows left and published.
+        withdrawn: Number of these, the first ones, from before a rebuild of the estimate.
     """
 
     def __init__(
@@ -99,7 +101,7 @@ class Run:
         self.vehicles = [VehicleRun(setup, stream, Dive(prior)) for setup in setups]
         self._waiting, self._n_waiting, self.kept = list[Given](), 0, list[Given]()
         self.next_slices_ns = dict[Hashable, int | None]()
-        self.messages = self.last_ns = 0
+        self.messages = self.last_ns = self.windows = self.withdrawn = 0
 
     @property
     def state(self) -> dict[str, Any]:
@@ -241,9 +243,7 @@ class Run:
         for one, own_steps in each:
             one.counts = one.counts.rebuilt(own_steps)
             one.monitoring = consistency.with_gated(replace(one.monitoring, gated=()), own_steps)
-        # windows published before
-        publishing = self.vehicles[0].publishing
-        self.vehicles[0].publishing = replace(publishing, withdrawn=publishing.windows)
+        self.withdrawn = self.windows
 
     # ---- events into the estimate
 
@@ -450,11 +450,11 @@ def _expect(run: Run, vehicle: VehicleRun, forecasts: ForecastState) -> None:
 
 def left_windows(run: Run, flows: Iterable[FlowEstimate]) -> list[int]:
     """Publish the last estimates of windows; return their numbers."""
-    vehicle, numbers = run.vehicles[0], list[int]()
-    for number, flow in enumerate(flows, vehicle.publishing.windows + 1):
-        vehicle.publishing = replace(vehicle.publishing, windows=number)
-        run.write(vehicle, [methodcaller("window", number, flow)])
-        numbers.append(number)
+    numbers = list[int]()
+    for flow in flows:
+        run.windows += 1
+        run.write(run.vehicles[0], [methodcaller("window", run.windows, flow)])
+        numbers.append(run.windows)
     return numbers
 
 

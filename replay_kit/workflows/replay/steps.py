@@ -246,9 +246,9 @@ class Counts:
         """Log evidence of the observations; None if the estimator states no density."""
         return Evidence(self.evidence) if self.evidence else None
 
-    def without(self, rejected: int, gated: int = 0) -> "Counts":
-        """Return the counts with so many fewer observations rejected, and rejected by the gate."""
-        return replace(self, total=self.total.plus(Sums(rejected=-rejected, gated=-gated)))
+    def plus(self, more: Sums) -> "Counts":
+        """Return the counts with more in total."""
+        return replace(self, total=self.total.plus(more))
 
     def after(self, steps: Sequence[Step]) -> "Counts":
         """Return the counts after steps."""

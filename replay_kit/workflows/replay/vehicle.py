@@ -1,7 +1,7 @@
 """A vehicle in a replay: its constant setup, and the states of all stages, kept in checkpoints."""
 
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -9,20 +9,20 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import replace
 from replay_kit.core.as_flown import FlownDive
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import PathMean, kind_of
+from replay_kit.core.observation import kind_of
 from replay_kit.core.observation.table import MEAN, PING, POSITION, Block, Integers
 from replay_kit.estimator import Estimator
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.observed import Stream, path_mean
 from replay_kit.workflows.replay.account import Account
-from replay_kit.workflows.replay.consistency import MonitoringState, trusting_estimator, with_tracks
+from replay_kit.workflows.replay.consistency import MonitoringState, with_tracks
 from replay_kit.workflows.replay.events import Aside, Events
 from replay_kit.workflows.replay.inputs.forecast import flow_at
 from replay_kit.workflows.replay.inputs.planner import VehiclePlanner
 from replay_kit.workflows.replay.inputs.scan import VehicleLogs
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.publishing import PublishingState
-from replay_kit.workflows.replay.steps import Counts, Dive, counts_with
+from replay_kit.workflows.replay.steps import Counts, Dive, Sums, counts_with
 from replay_kit.workflows.replay.surfacings import FlightState, ForecastState
 
 
@@ -101,8 +101,11 @@ class VehicleRun:
     @property
     def estimator(self) -> Estimator[Any]:
         """Its estimator, whose gate rejects neither of two contradicting sources."""
-        found: Estimator[Any] = trusting_estimator(self.setup.estimator, self.monitoring)
-        return found
+        # Any: those that have a gate are dataclasses
+        found: Any = self.setup.estimator
+        if self.monitoring.contradict and getattr(found, "probability", None) is not None:
+            found = replace(found, probability=None)
+        return cast(Estimator[Any], found)
 
     @property
     def problem(self) -> PlanningProblem | None:
@@ -123,12 +126,8 @@ class VehicleRun:
     @property
     def notes(self) -> list[str]:
         """Note on a glide that is planned because nothing showed a glider."""
-        problem = self.problem
-        if (
-            problem is None
-            or problem.settings.kind == "mission"
-            or self.setup.config.planner.kind != "auto"
-        ):
+        problem, asked = self.problem, self.setup.config.planner.kind
+        if problem is None or problem.settings.kind == "mission" or asked != "auto":
             return []
         return [
             "the plan is a single glide, as the log shows neither mean currents of dives nor dives at a glider's speed; for a glider ask "
@@ -154,9 +153,9 @@ class VehicleRun:
         kind, others, unused, means = rows[:, 1], list[Any](), list[str](), self.monitoring.means
         is_ping, keep, before = kind == PING, np.ones(len(rows), np.bool_), 0
         for k in np.flatnonzero(kind >= MEAN).tolist():
-            row = int(rows[k, 2])
-            event: Any = path_mean(block, row) if kind[k] == MEAN else block.linear[row]
-            if is_mean := isinstance(event, PathMean):
+            is_mean, row = kind[k] == MEAN, int(rows[k, 2])
+            event: Any = path_mean(block, row) if is_mean else block.linear[row]
+            if is_mean:
                 pings, before = rows[before:k][is_ping[before:k], 2], k
                 flight = self.flight.with_profiles(block, pings)
                 self.flight, event = flight.with_mean(event, bias)
@@ -176,7 +175,7 @@ class VehicleRun:
         self.monitoring = replace(self.monitoring, means=means)
         if left_out:
             keep &= ~is_ping
-            self.counts = self.counts.without(rejected=-int(np.count_nonzero(kind != POSITION)))
+            self.counts = self.counts.plus(Sums(rejected=int(np.count_nonzero(kind != POSITION))))
         if unused:
             unsupported = counts_with(self.counts.unsupported, ((name, 1) for name in unused))
             self.counts = replace(self.counts, unsupported=unsupported)

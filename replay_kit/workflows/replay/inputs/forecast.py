@@ -1,7 +1,7 @@
 """Forecast of a run, read from files as the settings state."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -127,9 +127,9 @@ def read_forecasts(
                 f"length {length / 1e3:.1f} km: widen --region"
             )
     of_region = () if region is None else (region.note,)
-    note = _unfitted_spread(config, evolves, series[0].made_from)
-    few = _too_few(config, series[0].n_members)
-    series = (replace(series[0], notes=(*of_region, *series[0].notes, *note, *few)), *series[1:])
+    of_spread = _spread_notes(config, evolves, series[0])
+    notes = (*of_region, *series[0].notes, *of_spread)
+    series = (replace(series[0], notes=notes), *series[1:])
     for text in series[0].notes:
         # matters before a long run
         if text.startswith(WARNING):
@@ -147,48 +147,37 @@ def read_forecasts(
     return Forecasts(series, evolves, near_ns, region, follows)
 
 
-def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[str, ...]:
-    """Return a note if the estimator cannot fit the spread of made members; empty if it does, or if a spread is set.
+def _spread_notes(config: RunConfig, evolves: bool, ensemble: Ensemble) -> Iterator[str]:
+    """Yield a note on made members whose spread is not fitted, and a warning on too few members to state errors from their spread.
 
     Raises:
-        ConfigError: The estimator does not support the setting.
+        ConfigError: The estimator does not support the setting of the spread.
     """
-    name, preset, spread = config.estimator.name, config.estimator.preset, config.estimator.spread
-    takes_numbers = name == OWN
-    if takes_numbers and preset == "default" and not evolves:
-        return ()
-    what = (
-        "an estimate through time"
-        if evolves
-        else f"the preset {preset}"
-        if takes_numbers
-        else f"the estimator {name}"
-    )
-    if spread == "fit" or (isinstance(spread, float) and not takes_numbers):
-        expected = "as_given or a number" if takes_numbers else "as_given"
-        instead = "leave it out" + (', or set time.scale = "static"' if evolves else "")
-        raise ConfigError(
-            f"estimator.spread: expected {expected} with {what}, got {spread}; {instead}"
+    settings, is_own = config.estimator, config.estimator.name == OWN
+    preset, spread = settings.preset, settings.spread
+    is_default, made_from = is_own and preset == "default", ensemble.made_from
+    if evolves or not is_default:
+        what = (
+            "an estimate through time"
+            if evolves
+            else f"the preset {preset}"
+            if is_own
+            else f"the estimator {settings.name}"
         )
-    if not made_from or spread is not None:
-        return ()
-    return (
-        f"the spread of members made of {made_from} is used as their error: {what} does not fit it",
-    )
-
-
-def _too_few(config: RunConfig, n_members: int) -> tuple[str, ...]:
-    """Return a warning on too few members to state errors from their spread; empty if the settings state an error."""
-    settings = config.estimator
-    stated = settings.preset == "default" and settings.representation_error_std is not None
-    if settings.name != OWN or n_members >= _LEAST_MEMBERS or stated:
-        return ()
-    return (
-        Caveat(
-            f"{WARNING}{n_members} members are too few to state errors, expected {_LEAST_MEMBERS} or more; "
+        if spread == "fit" or (isinstance(spread, float) and not is_own):
+            expected = "as_given or a number" if is_own else "as_given"
+            instead = "leave it out" + (', or set time.scale = "static"' if evolves else "")
+            raise ConfigError(
+                f"estimator.spread: expected {expected} with {what}, got {spread}; {instead}"
+            )
+        if made_from and spread is None:
+            yield f"the spread of members made of {made_from} is used as their error: {what} does not fit it"
+    stated = is_default and settings.representation_error_std is not None
+    if is_own and ensemble.n_members < _LEAST_MEMBERS and not stated:
+        yield Caveat(
+            f"{WARNING}{ensemble.n_members} members are too few to state errors, expected {_LEAST_MEMBERS} or more; "
             "set estimator.representation_error_std [m/s], such as to the RMS innovation that this replay prints"
-        ),
-    )
+        )
 
 
 def build(forecasts: Forecasts, config: RunConfig, vehicles: int = 1) -> Estimator[Any]:

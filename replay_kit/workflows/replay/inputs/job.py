@@ -208,9 +208,7 @@ def open_truth(
     if job.truth is None:
         return None
     centre = ensemble.grid.projection
-    part = (
-        config.forecast if region is None else config.forecast.model_copy(update={"region": region})
-    )
+    part = config.forecast.model_copy(update={"region": region or config.forecast.region})
     settings = part.model_copy(update={"lead": None, "reference_time": None, "time": None})
     place_at = (centre.longitude, centre.latitude) if config.forecast.place else None
     try:

@@ -11,7 +11,6 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
-from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.words.progress import Progress, Stopwatch
@@ -45,7 +44,6 @@ class Prepared:
         logs: The logs, opened.
         forecasts: Forecast of the estimator.
         prior_flow: Prior current.
-        truth: Truth for the score; None without one.
         metadata: Records of the result: inputs, options, versions, region.
     """
 
@@ -53,7 +51,6 @@ class Prepared:
     logs: Logs
     forecasts: Forecasts
     prior_flow: FlowEstimate
-    truth: Ensemble | None
     metadata: Mapping[str, Mapping[str, str]]
 
     def messages(self) -> Iterator[Message]:
@@ -122,7 +119,8 @@ def prepare(
         forecasts = forecasts or forecasts_of(job, config, logs)
         ensemble = forecasts.ensemble
         speeds = checked_speeds(ensemble, config)
-        truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
+        # one that cannot be read is refused before the run
+        open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
     firsts = first_windows(job, forecasts)
     # goals out of reach are refused before the basis is computed
     each = list[tuple[Vehicle, VehicleLogs, RunConfig, PlanningProblem | None]]()
@@ -156,7 +154,7 @@ def prepare(
     measured_by = for_region(setups[0].config, ensemble).measurements
     owners = [number for number, one in enumerate(logs.by_vehicle) for _ in one.files]
     run = Run(setups, measured_by, clock, owners)
-    return run, Prepared(job, logs, forecasts, prior_flow, truth, metadata)
+    return run, Prepared(job, logs, forecasts, prior_flow, metadata)
 
 
 def with_planner_kind(vehicle: Vehicle, readers: Sequence[LogFile], config: RunConfig) -> RunConfig:
