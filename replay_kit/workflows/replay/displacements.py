@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from replay_kit.core.arrays import Array, replace
+from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
@@ -20,7 +20,6 @@ from replay_kit.core.surfacing import Basis, forecast_place
 from replay_kit.estimator.next_dive.process import FIXES_STD, DiveMean
 from replay_kit.measurements.means import Path, Spot, path_mean
 from replay_kit.measurements.track.dives import SurfacingState
-from replay_kit.workflows.replay.events import Track
 
 _NO_DEPTH = np.empty(0)
 #: Levels [m], shape (Z,), and the current there, shape (Z, 2) [m/s], true east and north.
@@ -63,15 +62,6 @@ class Between:
     latest: VehicleState | None = None
     path: Path | None = None
     ahead: Ahead | None = None
-
-
-def after_surface_fixes(state: Between, track: Track, surface_depth: float) -> Between | None:
-    """Return the state after fixes at the surface between dives; None for other positions."""
-    below = track.columns["dead_reckoned"].any() or (track.columns["depth"] > surface_depth).any()
-    if below or in_dive(state.detection):
-        return None
-    latest = track[-1]
-    return replace(state, detection=replace(state.detection, fix=latest), latest=latest)
 
 
 def dive_along(

@@ -5,9 +5,8 @@ maximum-likelihood covariance of the field is fitted to the first two times, unt
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from operator import methodcaller
 
 import numpy as np
 
@@ -106,12 +105,6 @@ def publish_surface(
     if found:
         writer.surface(event.time_ns, found)
     return replace(state, surface=surface)
-
-
-def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:
-    """Return the innovations of a block of steps as one output."""
-    found = [one for step in steps if (one := step.innovation) is not None]
-    return (methodcaller("innovations", found),) if found else ()
 
 
 def publish_track(

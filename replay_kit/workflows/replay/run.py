@@ -30,11 +30,10 @@ from replay_kit.workflows.replay.publishing import (
     FlowAt,
     Output,
     depth_slices,
-    publish_innovations,
     publish_surface,
     publish_track,
 )
-from replay_kit.workflows.replay.steps import Dive, Given, Step, assimilate, counts_with, pruned
+from replay_kit.workflows.replay.steps import Dive, Given, Step, assimilate, counts_with
 from replay_kit.workflows.replay.surfacings import (
     ForecastState,
     forecast_end,
@@ -321,11 +320,15 @@ class Run:
         for vehicle, own_steps in each:
             vehicle.counts = vehicle.counts.after(own_steps) if own_steps else vehicle.counts
             vehicle.monitoring = consistency.with_gated(vehicle.monitoring, own_steps)
-            self.write(vehicle, publish_innovations(own_steps))
+            if found := [one for step in own_steps if (one := step.innovation) is not None]:
+                self.write(vehicle, [methodcaller("innovations", found)])
         self.follow_up(self, steps)
         self.current = self.vehicles[0].estimator.without_left(self.current)
         for vehicle in self.vehicles:
-            vehicle.dive = pruned(vehicle.estimator, vehicle.dive)
+            # of its start, each keeps its own window
+            estimator = vehicle.estimator
+            start = estimator.own_window(estimator.without_left(vehicle.dive.start))
+            vehicle.dive = replace(vehicle.dive, start=start)
 
     def finish(self) -> None:
         """Pass on all waiting events."""

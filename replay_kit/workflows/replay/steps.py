@@ -126,11 +126,6 @@ def assimilate(
     return current, ended, steps
 
 
-def pruned(estimator: Estimator[Any], dive: Dive) -> Dive:
-    """Return the dive without the start of windows that vehicles have left; keeps the vehicle's window."""
-    return replace(dive, start=estimator.own_window(estimator.without_left(dive.start)))
-
-
 class Sums(NamedTuple):
     """Sums over observations, and of squares over the bins and components of used ones.
 

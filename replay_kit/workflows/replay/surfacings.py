@@ -41,7 +41,6 @@ from replay_kit.measurements.track.dives import detect_surfacing
 from replay_kit.workflows.replay.displacements import (
     Between,
     Dive,
-    after_surface_fixes,
     ahead_of,
     dive_along,
     in_dive,
@@ -266,10 +265,15 @@ def forecast_track(
     state: ForecastState, track: Track, surface_depth: float
 ) -> ForecastState | None:
     """Return the state after consecutive positions without effect on predictions; None if ``forecast_step`` must process each."""
-    if state.between is None:
+    if (between := state.between) is None:
         return state
-    between = after_surface_fixes(state.between, track, surface_depth)
-    return None if between is None else replace(state, between=between)
+    below = track.columns["dead_reckoned"].any() or (track.columns["depth"] > surface_depth).any()
+    if below or in_dive(between.detection):
+        return None
+    # fixes at the surface between dives
+    latest = track[-1]
+    detection = replace(between.detection, fix=latest)
+    return replace(state, between=replace(between, detection=detection, latest=latest))
 
 
 def forecast_mean(
