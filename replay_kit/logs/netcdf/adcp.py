@@ -40,20 +40,38 @@ def _pings(
         cells: Cell size, None if unknown, and distance of the first cell's centre [m].
         common: Fields of all pings.
     """
-    n, n_cells = columns["velocity"].shape[:2]
+    time_ns, velocity = columns["time"], columns["velocity"]
     fields = {
         "frame_id": "adcp",
         "coordinate_system": "earth",
-        "n_cells": n_cells,
+        "n_cells": velocity.shape[1],
         "cell_size": cells[0],
         "bin0_distance": cells[1],
         "transducer_depth": 0.0,
         **common,
     }
-    rounded = {"velocity": np.round(columns["velocity"], 6)}
-    held = {"ping": np.arange(n)} | columns | rounded
-    time_ns = columns["time"]
+    held = {"ping": np.arange(time_ns.size), **columns, "velocity": np.round(velocity, 6)}
     return entries((topic, PING), time_ns, held, np.flatnonzero(time_ns), fields)
+
+
+def _profiles(
+    topic: str, depth: Array, components: Sequence[Array], columns: Table, common: dict[str, Any]
+) -> Iterator[Entry]:
+    """Yield absolute profiles as pings from the surface.
+
+    Args:
+        topic: Their topic.
+        depth: Depths of the levels [m], even or not, shape (k,).
+        components: Velocities towards east, north and perhaps up [m/s], shape (n, k).
+        columns: Other fields of each profile, as of ``_pings``.
+        common: Fields of all profiles.
+    """
+    steps = np.diff(depth)
+    even = bool(steps.size and np.allclose(steps, steps[0]) and steps[0] > 0.0)
+    uneven = {} if even else {"cell_distances": depth.tolist()}
+    held = {"velocity": np.stack(components, axis=-1), **columns}
+    cells = float(steps[0]) if even else 1.0, float(depth[0])
+    return _pings(topic, held, cells, _FROM_SURFACE | common | uneven)
 
 
 # What Seaglider files do not state, and the evidence: these velocities are not along the instrument's axes. The basestation takes them as
@@ -65,7 +83,7 @@ _ENU = 0.0  # of ad2cp_coordinateSystem; 1 along the instrument's axes, 2 along 
 _FASTEST_SOUND = 2000.0  # m/s; more than this is stated in tenths
 
 
-def seaglider_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
+def seaglider_pings(file: NetcdfFile) -> Iterator[Entry]:
     """Yield velocities relative to the glider, and absolute profiles of descent and ascent.
 
     A profile's time is the end of its half dive: the deepest point for the descent; the last sample or, if earlier, the end fix for the
@@ -76,67 +94,62 @@ def seaglider_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         LogError: The unit of a variable is unknown.
     """
     inverted = list(_inverted(file))
-    yield from _relative(file, {"also_in": INVERTED} if inverted else {}, notes)
+    yield from _relative(file, {"also_in": INVERTED} if inverted else {})
     yield from inverted
 
 
-def _relative(file: NetcdfFile, common: dict[str, Any], notes: list[str]) -> Iterator[Entry]:
+def _relative(file: NetcdfFile, common: dict[str, Any]) -> Iterator[Entry]:
     if not file.has("ad2cp_time", *_VELOCITY, "ad2cp_cellSize", "ad2cp_blanking"):
         return
     if file.has("ad2cp_coordinateSystem") and file.scalar("ad2cp_coordinateSystem") != _ENU:
-        notes.append(
+        file.note(
             "ADCP: not read, because its velocities are not east, north and up (ad2cp_coordinateSystem)"
         )
         return
-    time_ns = units.times_of(file, "ad2cp_time", notes)
+    time_ns = units.times_of(file, "ad2cp_time")
     velocity = np.stack([file.array(name) for name in _VELOCITY], axis=-1)
     cell_size = _metres(file, "ad2cp_cellSize")
     bin0_distance = _metres(file, "ad2cp_blanking") + cell_size
     sound = file.scalar("ad2cp_soundspeed")
     tenths = 0.1 if sound > _FASTEST_SOUND else 1.0
     if tenths != 1.0:
-        notes.append("ad2cp_soundspeed, ad2cp_temperature: in tenths of their units, converted")
+        file.note("ad2cp_soundspeed, ad2cp_temperature: in tenths of their units, converted")
     declination = number(file.scalar("magnetic_variation"))
-    notes.append(
+    file.note(
         f"ADCP: headings are magnetic; the declination used is {declination} degrees, by magnetic_variation"
     )
-    unknown = np.full(time_ns.size, np.nan)
-    sensors = {
-        name: file.array(f"ad2cp_{name}") if file.has(f"ad2cp_{name}") else unknown
-        for name in ("pressure", "heading", "pitch", "roll", "temperature")
-    }
-    sensors["temperature"] = sensors["temperature"] * tenths
+    sensors: Table = {"time": time_ns, "velocity": velocity}
+    for name in ("pressure", "heading", "pitch", "roll", "temperature"):
+        held = f"ad2cp_{name}"
+        values = file.array(held) if file.has(held) else np.full(time_ns.size, np.nan)
+        sensors[name] = np.round(values * (tenths if name == "temperature" else 1.0), 4)
     distance = bin0_distance + cell_size * np.arange(velocity.shape[1], dtype=np.float64)
     common |= _RELATIVE | {
         "dive": file.dive_number or 0,
-        "orientation": orientation(velocity[..., :2], sensors["pressure"], distance, notes),
+        "orientation": orientation(
+            velocity[..., :2], sensors["pressure"], distance, file.told.notes
+        ),
         "sound_speed": number(round(sound * tenths, 3)),
         "magnetic_declination": declination,
     }
-    rounded = {name: np.round(values, 4) for name, values in sensors.items()}
-    cells = cell_size, bin0_distance
-    yield from _pings("/adcp", {"time": time_ns, "velocity": velocity, **rounded}, cells, common)
+    yield from _pings("/adcp", sensors, (cell_size, bin0_distance), common)
 
 
 def _inverted(file: NetcdfFile) -> Iterator[Entry]:
     names = [f"ad2cp_inv_profile_{name}" for name in ("depth", "uocn", "vocn", "wocn")]
     if not file.has(*names, "ctd_time", "ctd_depth"):
-        return
-    levels, *components = (file.array(name) for name in names)
-    steps = np.diff(levels)
-    if steps.size == 0 or not np.allclose(steps, steps[0]) or steps[0] <= 0.0:
-        return
+        return iter(())
+    depth, *components = (file.array(name) for name in names)
     ends = _leg_ends(file)
     dive, n = file.dive_number or 0, ends.size
-    common = {**_FROM_SURFACE, "dive": dive, "computed_from": ["/adcp", "/dac"]}
-    velocity = np.stack([component.T[:n] for component in components], axis=-1)
-    columns = {"time": ends, "velocity": velocity, "ping": 2 * dive + np.arange(n)}
-    yield from _pings(INVERTED, columns, (float(steps[0]), float(levels[0])), common)
+    columns = {"time": ends, "ping": 2 * dive + np.arange(n)}
+    common = {"dive": dive, "computed_from": ["/adcp", "/dac"]}
+    return _profiles(INVERTED, depth, [each.T[:n] for each in components], columns, common)
 
 
 def _leg_ends(file: NetcdfFile) -> Times:
     """Return the end times [ns] of descent and ascent; empty if the dive has no depths."""
-    time_ns, fixes = (units.times_of(file, name, []) for name in ("ctd_time", "log_gps_time"))
+    time_ns, fixes = (units.times_of(file, name) for name in ("ctd_time", "log_gps_time"))
     depth = np.where(time_ns > 0, file.array("ctd_depth"), np.nan)
     if not np.isfinite(depth).any():
         return np.empty(0, np.int64)
@@ -169,22 +182,16 @@ def absolute_profiles(
     profile, samples = columns.profile, columns.samples
     if not profile:
         return
-    depth = profile["depth"]
-    steps = np.diff(depth)
-    even = bool(steps.size and np.allclose(steps, steps[0]) and steps[0] > 0.0)
     notes.append(
         "absolute profiles: taken as east and north relative to the earth, each at the middle of its dive"
     )
-    middle = samples["dac_time"]
+    components, middle = (profile["east"], profile["north"]), samples["dac_time"]
     placed = np.isin(middle, [mean.middle.time_ns for mean in means if mean.middle])
-    velocity = np.stack([profile["east"], profile["north"]], axis=-1)
-    has = np.isfinite(velocity).all(axis=-1).any(axis=-1)
-    common = _FROM_SURFACE | {"computed_from": ["/dac"]}
-    common |= {} if even else {"cell_distances": depth.tolist()}
+    has = np.isfinite(components).all(axis=0).any(axis=-1)
     time_ns = np.where(has, np.where(placed, middle, samples["time"]), 0)
-    profiles = {"time": time_ns, "velocity": velocity, "dive": samples["dive"].astype(np.int64)}
-    cells = float(steps[0]) if even else 1.0, float(depth[0])
-    yield from _pings(PROFILES, profiles, cells, common)
+    times = {"time": time_ns, "dive": samples["dive"].astype(np.int64)}
+    common = {"computed_from": ["/dac"]}
+    yield from _profiles(PROFILES, profile["depth"], components, times, common)
 
 
 # cells between two whose difference is a shear; nearer ones differ by noise alone
@@ -263,7 +270,7 @@ _NORTEK_HEAD = (
 )
 
 
-def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
+def midas_pings(file: NetcdfFile) -> Iterator[Entry]:
     """Yield the pings of an AD2CP exported by MIDAS, in beam coordinates relative to the glider.
 
     Raises:
@@ -274,7 +281,7 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         raise LogError(
             f"{file.path}: expected a variable time in the group Data/Average, it holds a dimension alone; export the file again"
         )
-    time_ns = units.times_of(file, held["time"], notes)
+    time_ns = units.times_of(file, held["time"])
     beams = [k for k in range(1, 5) if f"velocitybeam{k}" in held]
     columns: Table = {
         word: _by_ping(file, [held[f"{word}beam{k}"] for k in beams], time_ns.size)
@@ -294,7 +301,7 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     )
     up = up[np.isfinite(up)]
     looks = "down" if up.size and np.median(up) < 0.0 else "up"
-    notes += [
+    file.told.notes += [
         f"ADCP: looks {looks} by its accelerometer" if up.size else "ADCP: assumed to look up",
         f"ADCP: {_NORTEK_HEAD}",
         "ADCP: headings are magnetic; set measurements.magnetic_declination",
@@ -344,10 +351,10 @@ _BEAMS = np.array(
 )
 
 
-def seaexplorer_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
+def seaexplorer_pings(file: NetcdfFile) -> Iterator[Entry]:
     """Yield nothing and add a note: in real time a SeaExplorer sends one cell of its AD2CP."""
     if any(name.lower().startswith("ad2cp_v") for name in file.variables):
-        notes.append(
+        file.note(
             "AD2CP in real time: one cell, relative to the glider, no current; add the MIDAS export"
         )
     return iter(())

@@ -17,7 +17,6 @@ from replay_kit.core.observation import Flag
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.dialect import SIZES, Dialect, flag_names
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
-from replay_kit.logs.reader import Told
 
 # by words in a meaning; without any the flag is good
 _WORDS = (
@@ -32,14 +31,14 @@ _TESTS = r"q(c_?)?\d{2,3}(_.*)?|.*_qc|[uv]cur_quality_control|.*qartod_.*"
 FLAGS = f"{_SUMS}|{_TESTS}"
 # rank of a test that was passed: more than one that was not made
 _PASSED = Flag.NOT_EVALUATED + 0.5
+# a flag that is missing
+_NONE = -1
+# topics and names of what is counted where its own flag is bad
+_COUNTED = {"dac": ("/dac", "mean current"), "gps": ("/vehicle/fix", "GPS fix")}
 
 
 def remove_bad(
-    file: NetcdfFile,
-    dialect: Dialect,
-    chosen: Mapping[str, str],
-    values: dict[str, NDArray[Any]],
-    told: Told,
+    file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str], values: "Table"
 ) -> None:
     """Remove values with bad flags, and count fixes and mean currents among them.
 
@@ -48,68 +47,81 @@ def remove_bad(
         dialect: Dialect of the file.
         chosen: Variable of each quantity.
         values: Quantities, of which bad values become NaN.
-        told: Receives notes and counts.
     """
+    own = [name for key, name in chosen.items() if key.endswith("_flag")]
     for key, name in chosen.items():
-        # flags of a quantity of their own, or those beside a variable
-        part = key.removesuffix("_flag") if key.endswith("_flag") else ""
-        masked = [f"{part}_east", f"{part}_longitude"] if part else [key]
-        for flag in (
-            [name]
-            if part
-            else sorted({*flag_names(name)} & file.variables.keys() - {*chosen.values()})
-        ):
-            bad = flagged_bad(flag, file.variables[flag], dialect.flag_meanings, told.notes)
-            if part and bad.any():
-                of_fix = ("/vehicle/fix", "GPS fix")
-                topic, what = ("/dac", "mean current") if part == "dac" else of_fix
-                told.skipped[topic, f"{what} flagged bad ({flag})"] += int(bad.sum())
-            for masked_name in masked:
-                found = values.get(masked_name, np.empty(0))
-                if found.size == bad.size and not masked_name.endswith("time"):
-                    values[masked_name] = np.where(bad.reshape(found.shape), np.nan, found)
+        part = key.removesuffix("_flag")
+        if name in own:
+            bad = flagged_bad(file, name, dialect.flag_meanings)
+            topic, what = _COUNTED.get(part, _COUNTED["gps"])
+            file.told.skipped[topic, f"{what} flagged bad ({name})"] += int(bad.sum())
+            for of_part in (f"{part}_east", f"{part}_longitude"):
+                if of_part in values:
+                    values[of_part] = _masked(values[of_part], bad)
+        elif key in values and not key.endswith("time"):
+            values[key] = without_bad(file, name, values[key], dialect.flag_meanings, own)
 
 
-def flagged_bad(name: str, stored: Stored, meanings: str, notes: list[str]) -> Mask:
+def without_bad(
+    file: NetcdfFile,
+    name: str,
+    values: NDArray[Any],
+    meanings: str = "",
+    others: Collection[str] = (),
+) -> NDArray[Any]:
+    """Return the values of a variable, of any shape, with NaN where the flags that decide on it call them bad.
+
+    Args:
+        file: The file.
+        name: Name of the variable.
+        values: Its values.
+        meanings: As in ``flagged_bad``.
+        others: Flags of others, whatever their names.
+    """
+    for flag in _flags_of(file, name):
+        if flag not in others:
+            values = _masked(values, flagged_bad(file, flag, meanings))
+    return values
+
+
+def _masked(values: NDArray[Any], bad: Mask) -> NDArray[Any]:
+    return (
+        np.where(bad.reshape(values.shape), np.nan, values) if bad.size == values.size else values
+    )
+
+
+def flagged_bad(file: NetcdfFile, name: str, meanings: str = "") -> Mask:
     """Return the mask of bad values by the meanings of their flags, never by number.
 
     Args:
-        name: Name of the flags in notes.
-        stored: Flags of any type.
+        file: The file.
+        name: Name of the flags, of any type.
         meanings: ``value meaning`` pairs if the file states none.
-        notes: Receives notes on the result.
     """
-    if stored.values.dtype.kind == "S":
-        digits = stored.values.ravel().astype("S1").tolist()
-        numbers = np.array([int(one) if one.isdigit() else -1 for one in digits], np.int64)
-    else:
-        numbers = np.nan_to_num(stored.unpacked(), nan=-1.0).astype(np.int64)
-    words = meanings.split()
+    stored, words = file.variables[name], meanings.split()
+    numbers = _numbers(stored)
     known = _meanings(stored) or dict(zip(map(int, words[::2]), words[1::2], strict=True))
     bad = {value: said for value, said in known.items() if _flag(said) in (Flag.SUSPECT, Flag.FAIL)}
     for value in sorted(bad.keys() & set(numbers.ravel().tolist())):
-        notes.append(f"{name}: {int((numbers == value).sum())} x {value} ({bad[value]}), not used")
+        file.note(f"{name}: {int((numbers == value).sum())} x {value} ({bad[value]}), not used")
     return np.isin(numbers, list(bad))
 
 
 def as_qartod(stored: Stored) -> NDArray[np.int8]:
     """Return flags as QARTOD flags, by their stated meanings or else by number; missing ones are not evaluated."""
-    found = np.nan_to_num(stored.unpacked(), nan=Flag.NOT_EVALUATED).astype(np.int8)
-    flags = found.copy()
+    numbers = _numbers(stored)
+    flags = np.where(numbers == _NONE, Flag.NOT_EVALUATED, numbers).astype(np.int8)
     for value, words in _meanings(stored).items():
-        flags[found == value] = _flag(words)
+        flags[numbers == value] = _flag(words)
     return flags
 
 
-def without_bad(
-    file: NetcdfFile, name: str, values: NDArray[Any], notes: list[str]
-) -> NDArray[Any]:
-    """Return the values of a variable, of any shape, with NaN where the flags that decide on it call them bad."""
-    for flag in _flags_of(file, name):
-        bad = flagged_bad(flag, file.variables[flag], "", notes)
-        if bad.size == values.size:
-            values = np.where(bad.reshape(values.shape), np.nan, values)
-    return values
+def _numbers(stored: Stored) -> Indices:
+    """Return flags of any type as numbers."""
+    if stored.values.dtype.kind == "S":
+        digits = stored.values.ravel().astype("S1").tolist()
+        return np.array([int(one) if one.isdigit() else _NONE for one in digits], np.int64)
+    return np.nan_to_num(stored.unpacked(), nan=_NONE).astype(np.int64)
 
 
 def _flags_of(file: NetcdfFile, name: str) -> list[str]:
@@ -181,21 +193,18 @@ class Columns(NamedTuple):
     profile: Table
 
 
-def read_values(
-    file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str], notes: list[str]
-) -> Table:
+def read_values(file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str]) -> Table:
     """Return the quantities of a file in SI units, in their stored shapes; times in ns UTC, 0 if unknown.
 
     Args:
         file: The file.
         dialect: Dialect of the file.
         chosen: Variable of each quantity.
-        notes: Receives notes on assumptions.
 
     Raises:
         LogError: The unit of a time is unknown.
     """
-    notes.append("read as " + ", ".join(f"{key}: {name}" for key, name in chosen.items()))
+    file.note("read as " + ", ".join(f"{key}: {name}" for key, name in chosen.items()))
     forced = dict(dialect.units)
     places = {
         key: file.array(chosen[key])
@@ -209,29 +218,29 @@ def read_values(
         stored = file.variables[name]
         if key.endswith("time"):
             try:
-                values[key] = units.times_of(file, name, notes)
+                values[key] = units.times_of(file, name)
             except LogError:
                 # of a basestation's file each time counts; others fill what they do not use with any number
                 if key == "time" or dialect.name == "seaglider":
                     raise
-                notes.append(f"{name}: holds no plausible times, not used")
+                file.note(f"{name}: holds no plausible times, not used")
                 continue
             # a drogue without a date was not lost
             if key != "lost_time" and not values[key].all():
                 unknown = int((values[key] == 0).sum())
-                notes.append(f"{name}: {unknown} values without a time, excluded")
+                file.note(f"{name}: {unknown} values without a time, excluded")
         elif key == "id":
             texts = stored.texts() or [f"{value:.0f}" for value in stored.unpacked().ravel()]
             values[key] = np.array(texts)
         elif quantity := dialect.quantity_of(key):
             unit = forced.get(key, "") if dialect.raw or not stored.units else ""
-            values[key] = units.in_si(name, stored, quantity, notes, unit)
+            values[key] = units.in_si(file, name, quantity, unit)
     sizes, dims = _profile_sizes(file)
     if dims:
         for key, found in values.items():
             if found.size == sizes.size and file.variables[chosen[key]].dims == dims:
                 values[key] = np.repeat(found.ravel(), sizes)
-        notes.append(
+        file.note(
             f"{sizes.size} profiles of {int(sizes.sum())} samples: values stated once for each are repeated at its samples"
         )
     depth = values.get("depth", np.empty(0))
@@ -239,7 +248,7 @@ def read_values(
         stated = file.variables[chosen["depth"]].text("positive").lower()
         if stated == "up" or (stated != "down" and np.nanmedian(depth) < 0.0):
             how = "as stated" if stated else "by its negative values"
-            notes.append(f"{chosen['depth']}: positive up ({how}), sign reversed")
+            file.note(f"{chosen['depth']}: positive up ({how}), sign reversed")
             values["depth"] = -depth
     return values
 
@@ -255,37 +264,31 @@ def _profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]
     return np.empty(0, np.int64), ()
 
 
-def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
+def read_columns(file: NetcdfFile, dialect: Dialect) -> Columns:
     """Return the columns of a glider file.
-
-    Args:
-        file: The file.
-        dialect: Dialect of the file.
-        told: Receives assumptions and counts of unusable values.
 
     Raises:
         LogError: The file has no times, or the unit of a time is unknown.
     """
-    notes = told.notes
-    chosen = dialect.by_standard_names(file.variables, notes)
+    chosen = dialect.by_standard_names(file)
     if not {"time", "gps_time"} & chosen.keys():
         raise LogError(
             f"{file.path}: {dialect.title}: expected a variable {dialect.names['time'].replace(' ', ' or ')}, got "
             f"{', '.join(file.names)}; write the file with its times"
         )
-    values = read_values(file, dialect, chosen, notes)
+    values = read_values(file, dialect, chosen)
     if (dive := file.dive_number) is not None:
         values["dive"] = np.array([float(dive)])
-    remove_bad(file, dialect, chosen, values, told)
+    remove_bad(file, dialect, chosen, values)
     pressure = values.get("pressure", np.empty(0))
     if not np.isfinite(values.get("depth", np.nan)).any() and np.isfinite(pressure).any():
         latitude = values.get("latitude", np.empty(0))
         mean = np.nanmean(latitude) if np.isfinite(latitude).any() else _LATITUDE
         values["depth"] = -np.asarray(gsw.z_from_p(pressure, mean))
-        notes.append(f"depth: computed from {chosen['pressure']}")
+        file.note(f"depth: computed from {chosen['pressure']}")
     for key in ("heading", "pitch", "roll"):
         if key in values and not dialect.raw:
-            values[key] = units.attitude_degrees(chosen[key], values[key], key == "heading", notes)
+            values[key] = units.attitude_degrees(file, chosen[key], values[key], key == "heading")
     return _tables(values)
 
 

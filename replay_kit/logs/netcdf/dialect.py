@@ -51,7 +51,7 @@ class Dialect:
         beside: Pattern of further names that are read, in lower case.
         ascent_share: Position of a profile's own time and place in the dive, from 0 (start) to 1 (end); 0 if unknown.
         dac_kind: How the mean currents were computed.
-        pings: Reads the pings of an ADCP from a file and adds notes on assumptions; None without an ADCP.
+        pings: Reads the pings of an ADCP from a file; None without an ADCP.
         log_of: Files of one log: each alone, those of one ``mission``, or ``all`` of the dialect.
         raw: Whether values are raw vehicle data: units are fixed, and positions before the first fix are unfounded.
         read: Reader of the columns; None for gliders.
@@ -71,7 +71,7 @@ class Dialect:
     beside: str = ""
     ascent_share: float = 0.0
     dac_kind: str = "dead_reckoning"
-    pings: Callable[[NetcdfFile, list[str]], Iterator[Entry]] | None = None
+    pings: Callable[[NetcdfFile], Iterator[Entry]] | None = None
     log_of: Literal["file", "mission", "all"] = "file"
     raw: bool = False
     read: Read | None = None
@@ -125,13 +125,12 @@ class Dialect:
         by_unit = not stored.standard and metres_per_second(stored.units) is not None
         return not self._is_beside(name) and (by_unit or bool(_direction(stored)))
 
-    def by_standard_names(self, held: Mapping[str, Stored], notes: list[str]) -> dict[str, str]:
-        """Return the variable of each quantity; components of currents by standard name if any has one.
+    def by_standard_names(self, file: NetcdfFile) -> dict[str, str]:
+        """Return the variable of each quantity of a file; components of currents by standard name if any has one.
 
-        Args:
-            held: Variables of the file.
-            notes: Receives conflicts of names and standard names, and possible mean currents.
+        Conflicts of names and standard names, and possible mean currents, are noted.
         """
+        held = file.variables
         found = self.chosen(held)
         for part in ("dac", "profile"):
             keys = (f"{part}_east", f"{part}_north")
@@ -142,10 +141,10 @@ class Dialect:
             if stated in (["north", "east"], ["north", ""], ["", "east"]):
                 found |= dict(zip(keys, reversed(named), strict=True))
                 how = "read as their standard names state, northward and eastward; their names state the opposite"
-                notes.append(f"{' and '.join(named)}: {how}")
+                file.note(f"{' and '.join(named)}: {how}")
             elif stated[0] == stated[1] != "":
                 how = f"both have the standard name of the {stated[0]}ward component; read by their names"
-                notes.append(f"{' and '.join(named)}: {how}")
+                file.note(f"{' and '.join(named)}: {how}")
         if {"dac_east", "dac_north"} <= found.keys():
             return found
         free = {
@@ -160,7 +159,7 @@ class Dialect:
         if sorted(directed.values()) == ["east", "north"] and len(sizes) == 1:
             return found | {f"dac_{to}": name for name, to in directed.items()}
         if free:
-            notes.append(
+            file.note(
                 f"{NO_MEANS}{', '.join(free)} may be them, by their unit, but no standard name says which is east and which north; "
                 "state eastward_sea_water_velocity and northward_sea_water_velocity"
             )

@@ -334,6 +334,7 @@ def log_of_columns(
         LogError: A file cannot be read, or the unit of a variable is unknown.
     """
     paths = [path for file in files for path in file.sources or (file.path,)]
+    files = [replace(file, told=told) for file in files]
     entries = (dialect.read or glider)(files, dialect, config or LogConfig(), told)
     return WholeLog(paths, dialect.name, told, entries, config, dialect.read is None)
 

@@ -47,11 +47,11 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
         lines = count_text(left_out, "line")
         notes.append(f"{lines} with fewer or more columns than the heading, not used")
     told.mission = _one_mission(files, dialect, notes)
-    columns = joined_columns([read_columns(file, dialect, told) for file in files])
+    columns = joined_columns([read_columns(file, dialect) for file in files])
     samples = columns.samples
     fixes = fixes_of(columns, told)
     means = mean_currents(columns, fixes, dialect, told)
-    pings = [ping for file in files if dialect.pings for ping in dialect.pings(file, notes)]
+    pings = [ping for file in files if dialect.pings for ping in dialect.pings(file)]
     pings += absolute_profiles(columns, means, notes)
     tracked = fixes["time"].size > 1 and np.isfinite(samples["longitude"] + samples["depth"]).any()
     if tracked and not (means or pings):

@@ -2,15 +2,15 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import (
@@ -69,77 +69,86 @@ def _totals(
     notes = told.notes
     times: list[tuple[int, int, int]] = []
     for number_of, file in enumerate(files):
-        time_ns = units.times_of(file, dialect.chosen(file.variables)["time"], notes)
+        time_ns = units.times_of(file, dialect.chosen(file.variables)["time"])
         times += [(at, number_of, k) for k, at in enumerate(time_ns.ravel().tolist()) if at]
     times.sort()
     begun = len(notes)
 
-    def entries() -> Iterator[Entry]:
+    def messages() -> Iterator[Entry]:
         del notes[begun:]
         failed = 0
         for (number_of, part), rows in groupby(times, lambda each: (each[1], each[2] // _ROWS)):
-            said: list[str] = []
-            vectors = _vectors(files[number_of].path, part * _ROWS, dialect, said)
-            notes.extend(note for note in said if note not in notes)
-            for time_ns, _, k in rows:
-                payload, lost = vectors(k % _ROWS)
-                failed += lost
-                yield time_ns, _TOTALS, RADAR, {"stamp": stamp(time_ns), **payload}
+            found = _vectors(files[number_of].path, part * _ROWS, dialect)
+            notes.extend(note for note in found.notes if note not in notes)
+            for time_ns, _, row in rows:
+                k = row % _ROWS
+                failed += int(found.failed[k].sum())
+                held = {key: numbers(of[k][found.known[k]]) for key, of in found.columns.items()}
+                yield time_ns, _TOTALS, RADAR, {"stamp": stamp(time_ns), **found.fixed, **held}
         if failed:
             notes.append(f"{failed} vectors failed by their quality flags, not used")
 
-    return lambda: [(), entries()]
+    return lambda: [(), messages()]
 
 
-def _vectors(
-    path: Path, begin: int, dialect: Dialect, notes: list[str]
-) -> Callable[[int], tuple[dict[str, Any], int]]:
-    """Return a function of a time index that returns the vectors and the number of failed ones."""
+class _Vectors(NamedTuple):
+    """Vectors of some times of a file.
+
+    Attributes:
+        columns: Fields of the vectors, shape (t, y, x).
+        known: Mask of those that are used.
+        failed: Mask of those that their flags fail.
+        fixed: Fields of each message.
+        notes: What was assumed.
+    """
+
+    columns: Table
+    known: Mask
+    failed: Mask
+    fixed: dict[str, float]
+    notes: list[str]
+
+
+def _vectors(path: Path, begin: int, dialect: Dialect) -> _Vectors:
+    """Return the vectors of some times of a file, from a time's index on."""
     file = open_netcdf(path, lambda held, _: dialect.wanted(held), slice(begin, begin + _ROWS))
     chosen = dialect.chosen(file.variables)
-    values = read_values(file, dialect, chosen, notes)
+    values = read_values(file, dialect, chosen)
     longitude, latitude = (np.squeeze(values[key]) for key in ("longitude", "latitude"))
     if longitude.ndim < 2:
         longitude, latitude = np.meshgrid(longitude, latitude, sparse=True)
     shape = (len(values["east"]), len(latitude), longitude.shape[-1])
-    shape_of_latitude = latitude.shape
-    if values["east"].size != math.prod(shape) or shape_of_latitude not in (
-        longitude.shape,
-        (shape[1], 1),
-    ):
+    fits = latitude.shape in (longitude.shape, (shape[1], 1))
+    if not fits or values["east"].size != math.prod(shape):
         raise LogError(
             f"{path}: {chosen['east']}: expected {shape[1]} x {shape[2]} values, as lat and lon have, got {values['east'][0].size}"
         )
     variance, length = _parameters(file, chosen.get("parameters", ""))
+    for key in ("east_error", "north_error"):
+        values[key] = _error(file, chosen[key], variance, dialect)
+    held = {n: v for n, v in file.variables.items() if v.values.size == math.prod(shape)}
+    flags = [as_qartod(held[name]).reshape(shape) for name in deciding_flags(held)]
     columns = {
         "longitude": np.broadcast_to(longitude, shape),
         "latitude": np.broadcast_to(latitude, shape),
-        "east": values["east"].reshape(shape),
-        "north": values["north"].reshape(shape),
-    } | {
-        key: _error(file.variables, chosen[key], variance, dialect, notes).reshape(shape)
-        for key in ("east_error", "north_error")
+        **{
+            key: values[key].reshape(shape)
+            for key in ("east", "north", "east_error", "north_error")
+        },
+        "flag": worst_flag(flags, shape),
     }
-    held = {n: v for n, v in file.variables.items() if v.values.size == math.prod(shape)}
-    flags = [as_qartod(held[name]).reshape(shape) for name in deciding_flags(held)]
-    columns["flag"] = worst_flag(flags, shape)
     measured = np.isfinite(columns["east"] + columns["north"])
     failed = measured & is_failed(columns["flag"])
     known = measured & ~failed & np.isfinite(columns["east_error"] + columns["north_error"])
     mhz = [match for text in file.attributes.values() if (match := _MHZ.search(str(text)))]
     frequency, how = (float(mhz[0][1]), "as stated") if mhz else (_LONG_RANGE, "assumed")
     depth = depth_of(frequency)
-    notes.append(
+    file.note(
         f"{dialect.title}: at {depth:.1f} m, a wavelength over 8 pi of {frequency:g} MHz ({how}); "
         "vectors without a good error are not used"
     )
     fixed = {"depth": depth, "averaged": _HOUR, "error_length": 1e3 * length}
-
-    def at(k: int) -> tuple[dict[str, Any], int]:
-        held = {key: numbers(column[k][known[k]]) for key, column in columns.items()}
-        return fixed | held, int(failed[k].sum())
-
-    return at
+    return _Vectors(columns, known, failed, fixed, file.told.notes)
 
 
 def _parameters(file: NetcdfFile, name: str) -> tuple[float, float]:
@@ -167,23 +176,20 @@ def _parameters(file: NetcdfFile, name: str) -> tuple[float, float]:
     return variance, length if length > 0.0 else 0.0
 
 
-def _error(
-    held: Mapping[str, Stored], name: str, variance: float, dialect: Dialect, notes: list[str]
-) -> Array:
+def _error(file: NetcdfFile, name: str, variance: float, dialect: Dialect) -> Array:
     """Return standard errors [m/s], NaN if not stated or of questionable quality."""
-    stored = held[name]
-    if stored.units not in ("", "1"):
-        return units.in_si("error", stored, units.SPEED, notes)
-    values = stored.unpacked()
+    if file.variables[name].units not in ("", "1"):
+        return units.in_si(file, name, units.SPEED)
+    values = file.array(name)
     if name.lower() in ("dopx", "dopy"):
         usual = f"{USUAL_ERROR:g} cm/s, assumed for each radial"
-        notes.append(f"errors: dilutions of precision, times {usual}")
+        file.note(f"errors: dilutions of precision, times {usual}")
         return np.where(values > 0.0, 1e-2 * USUAL_ERROR * values, np.nan)
     if not variance > 0.0:
         raise LogError(
             f"{dialect.title}: expected the signal's variance in {dialect.names['parameters']}, by which errors are normalised, got none"
         )
-    notes.append(
+    file.note(
         f"errors: normalised variances, times the signal's stated variance of {variance:g} cm2/s2"
     )
     good = (values >= 0.0) & (values <= _MOST_NORMALISED)
@@ -221,17 +227,18 @@ def _drifters(
         LogError: Columns have different lengths.
     """
     del config
-    tables = [_drifter_fixes(file, dialect, told.notes) for file in files]
+    del told
+    tables = [_drifter_fixes(file, dialect) for file in files]
     return lambda: [(), *map(_fixes, tables)]
 
 
-def _drifter_fixes(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Table:
+def _drifter_fixes(file: NetcdfFile, dialect: Dialect) -> Table:
     """Return the columns of the fixes."""
     chosen = dialect.chosen(file.variables)
-    values = {"id": np.array(file.path.stem)} | read_values(file, dialect, chosen, notes)
+    values = {"id": np.array(file.path.stem)} | read_values(file, dialect, chosen)
     n = values["time"].size
     if "depth" not in values:
-        notes.append(f"depth of the drogues is not stated: {_DROGUE:g} m taken")
+        file.note(f"depth of the drogues is not stated: {_DROGUE:g} m taken")
         values["depth"] = np.array(_DROGUE)
     for key, found in values.items():
         if found.size not in (1, n):

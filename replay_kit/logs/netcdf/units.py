@@ -1,6 +1,6 @@
 """Values of columnar files in SI units: quantities, unit names, epochs of times.
 
-Functions add each assumption to ``notes`` as a sentence for the user.
+Functions add each assumption to the notes of the file.
 """
 
 import re
@@ -50,8 +50,9 @@ _NAMES: Mapping[str, Mapping[float, str]] = MappingProxyType(
 _FACTORS = MappingProxyType({"m": metres, "dbar": decibars, "m/s": metres_per_second})
 
 
-def _factor(unit: str, name: str) -> float | None:
-    """Return the factor from a unit to that of a quantity; None if its name is unknown."""
+def _factor(unit: str, stated: str) -> float | None:
+    """Return the factor from a stated unit to that of a quantity; None if its name is unknown."""
+    name = re.sub(r"\s+|\*\*", "", stated.lower())
     if unit in _FACTORS:
         return _FACTORS[unit](name)
     known = _NAMES.get(unit, {}).items()
@@ -93,38 +94,35 @@ def quantity_of(key: str) -> Quantity | None:
     return _QUANTITIES.get(key, _QUANTITIES.get(key.rpartition("_")[2]))
 
 
-def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit: str = "") -> Array:
+def in_si(file: NetcdfFile, name: str, quantity: Quantity, unit: str = "") -> Array:
     """Return a variable in its quantity's unit, NaN where missing or implausible.
 
     Args:
-        name: Name of the variable in notes.
-        stored: The variable.
+        file: The file.
+        name: Name of the variable.
         quantity: Its quantity.
-        notes: Receives notes on assumptions.
         unit: Unit if the file states none that is known; ``nmea``, degrees and minutes (ddmm.mmm), overrides the file. Empty for the stated
             one.
     """
     try:
-        values, stated = stored.unpacked(), stored.units
+        values, stated = file.array(name), file.variables[name].units
     except ValueError as error:
         raise LogError(f"{name}: expected numbers, got texts") from error
-    key = re.sub(r"\s+|\*\*", "", stated.lower())
-    if unit and (unit == "nmea" or _factor(quantity.unit, key) is None):
-        stated = key = unit
-    factor = _factor(quantity.unit, key)
-    if key == "nmea":
-        notes.append(f"{name}: degrees and minutes (ddmm.mmm) converted to degrees")
+    if unit and (unit == "nmea" or _factor(quantity.unit, stated) is None):
+        stated = unit
+    factor = _factor(quantity.unit, stated)
+    if stated == "nmea":
+        file.note(f"{name}: degrees and minutes (ddmm.mmm) converted to degrees")
         values = from_minutes(values)
-    elif factor is None:
-        if quantity.unit:
-            what = f"unit {stated!r} is not known" if stated else "states no unit"
-            notes.append(f"{name}: {what}, taken as {quantity.unit}")
-    elif factor != 1.0:
-        notes.append(f"{name}: converted from {stated} to {quantity.unit}")
+    elif factor is None and quantity.unit:
+        what = f"unit {stated!r} is not known" if stated else "states no unit"
+        file.note(f"{name}: {what}, taken as {quantity.unit}")
+    elif factor not in (None, 1.0):
+        file.note(f"{name}: converted from {stated} to {quantity.unit}")
         values = values * factor
     odd = (values < quantity.low) | (values > quantity.high)
     if odd.any():
-        notes.append(
+        file.note(
             f"{name}: {int(odd.sum())} values outside {quantity.low:g}..{quantity.high:g} {quantity.unit} taken as missing"
         )
     return np.where(odd | ~np.isfinite(values), np.nan, values)
@@ -141,34 +139,38 @@ def in_minutes(places: Mapping[str, Array]) -> bool:
     Args:
         places: Stored latitudes and longitudes by names with these endings; near the equator only longitudes are conclusive.
     """
-    for key, values in places.items():
-        most = 90.0 if key.endswith("latitude") else 360.0
-        # marks of no fix, such as 69696969, are more than degrees and minutes
-        if ((np.abs(values) > most) & (np.abs(values) < 36_000.0)).any():
-            return True
-    return False
+    # marks of no fix, such as 69696969, are more than degrees and minutes
+    return any(
+        ((np.abs(values) > _most_degrees(key)) & (np.abs(values) < 36_000.0)).any()
+        for key, values in places.items()
+    )
 
 
-def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str]) -> Array:
+def _most_degrees(name: str) -> float:
+    """Return the greatest latitude or longitude [degrees], by the end of a name."""
+    return 90.0 if name.endswith("latitude") else 360.0
+
+
+def attitude_degrees(file: NetcdfFile, name: str, values: Array, whole_turn: bool) -> Array:
     """Return angles in degrees from a variable in stated degrees that may hold radians.
 
     Args:
+        file: The file.
         name: Name of the variable in notes.
         values: shape (n,), assumed degrees.
         whole_turn: Whether it is a heading, with a range of 360 degrees; else a tilt.
-        notes: Receives notes on assumptions.
     """
     known = np.abs(values[np.isfinite(values)])
     most = _TURN if whole_turn else _TURN / 4.0
     if known.size < _LEAST_ANGLES or not 0.0 < known.max() <= most:
         return values
-    notes.append(
+    file.note(
         f"{name}: no value above {known.max():.2f}: taken as radians, although its unit is degrees"
     )
     return np.rad2deg(values)
 
 
-def times_of(file: NetcdfFile, name: str, notes: list[str]) -> Times:
+def times_of(file: NetcdfFile, name: str) -> Times:
     """Return a variable's times [ns, UTC], 0 where unknown; precise to 1 ms, ``datetime64`` to 1 ns.
 
     Raises:
@@ -180,22 +182,20 @@ def times_of(file: NetcdfFile, name: str, notes: list[str]) -> Times:
         return np.where(np.isnat(stored.values), 0, dated)
     texts = stored.texts()
     if texts and not np.isfinite(as_number(next(filter(None, texts), ""))):
-        notes.append(f"{name}: texts, UTC unless they state an offset")
+        file.note(f"{name}: texts, UTC unless they state an offset")
         seconds_of = _seconds_of(texts, f"{file.path}: {name}")
         stored = Stored(seconds_of, {"units": "seconds since 1970-01-01"}, stored.dims[:1])
-    units, match, plain = stored.units, _SINCE.fullmatch(stored.units), stored.unpacked()
-    # of whole numbers, nanoseconds since 1970 have more digits than a float holds
-    whole = stored.values.dtype.kind in "iu" and stored.packing == (1.0, 0.0)
-    finite = known = np.isfinite(plain)
-    unit, epoch_ms = (seconds(match[1]), _epoch_ms(match)) if match else (None, None)
-    if unit is None or epoch_ms is None:
-        unit, epoch_ms = 1.0, 0
-        known = finite & (plain > _EPOCH_SECONDS[0]) & (plain < _EPOCH_SECONDS[1])
+    values, clock = stored.unpacked(), _clock(stored.units)
+    finite = known = np.isfinite(values)
+    if clock is None:
+        clock = 1.0, 0
+        known = (values > _EPOCH_SECONDS[0]) & (values < _EPOCH_SECONDS[1])
         if known.any():
-            stated = f"unit {units!r}" if units else "no unit"
-            notes.append(f"{name}: {stated}, taken as seconds since 1970")
+            stated = f"unit {stored.units!r}" if stored.units else "no unit"
+            file.note(f"{name}: {stated}, taken as seconds since 1970")
+    unit, epoch_ms = clock
     with np.errstate(over="ignore"):
-        since = np.where(known, (stored.values if whole else plain) * (1000.0 * unit), np.nan)
+        since = values * (1000.0 * unit)
     known = known & (np.abs(since) < _MOST_MS)
     milliseconds = np.round(np.where(known, since, 0.0)).astype(np.int64) + epoch_ms
     found = milliseconds * 1_000_000
@@ -203,7 +203,7 @@ def times_of(file: NetcdfFile, name: str, notes: list[str]) -> Times:
     if finite.any() and not known.any():
         raise LogError(
             f"{file.path}: {name}: expected units such as 'seconds since 1970-01-01', "
-            f"got '{units}' and times from {np.nanmin(plain):g} on; correct the units"
+            f"got '{stored.units}' and times from {np.nanmin(values):g} on; correct the units"
         )
     return np.where(known, found, 0)
 
@@ -226,10 +226,9 @@ def _seconds_of(texts: Sequence[str], where: str) -> Array:
         f"{text[6:10]}-{text[3:5]}-{text[:2]}T{text[11:]}" if text[2:3] == "/" else text
         for text in texts
     ]
-    plain = [text.removesuffix("Z") for text in iso]
     # quicker, where all are times without an offset, of which NumPy only warns
     with suppress(ValueError, Warning), warnings.catch_warnings(action="error"):
-        times = np.array(plain, "M8[us]")
+        times = np.array([text.removesuffix("Z") for text in iso], "M8[us]")
         return np.where(np.isnat(times), np.nan, 1e-6 * times.astype(np.float64))
     return np.array([*map(_second_of, iso)])
 
@@ -242,10 +241,15 @@ def _second_of(text: str) -> float:
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
-def _epoch_ms(match: re.Match[str]) -> int | None:
+def _clock(units: str) -> tuple[float, int] | None:
+    """Return unit [s] and epoch [ms since 1970] of units such as ``days since 2000-01-01``; None if unknown."""
+    match = _SINCE.fullmatch(units)
+    unit = seconds(match[1]) if match else None
+    if match is None or unit is None:
+        return None
     parts = (int(part or 0) for part in match.groups()[1:7])
     try:
         whole = datetime(*parts, tzinfo=UTC)  # type: ignore[arg-type,misc]
     except ValueError:
         return None
-    return round(whole.timestamp()) * 1000 + round(float(match[8] or 0.0) * 1000.0)
+    return unit, round(whole.timestamp()) * 1000 + round(float(match[8] or 0.0) * 1000.0)

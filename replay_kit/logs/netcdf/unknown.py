@@ -18,7 +18,14 @@ from replay_kit.core.observation import Observation, usable
 from replay_kit.core.words.quantities import EARLIEST_NS, measured_at
 from replay_kit.core.words.text import some_text
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Table, are_known, read_values, rows_of, without_bad
+from replay_kit.logs.netcdf.columns import (
+    Table,
+    are_known,
+    read_values,
+    remove_bad,
+    rows_of,
+    without_bad,
+)
 from replay_kit.logs.netcdf.dialect import Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.payloads import PING, entries, numbers, stamp
@@ -58,15 +65,16 @@ def _chosen(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]
 
 
 def profiles_in_memory(
-    name: str, variables: Mapping[str, Stored], asked: Asked, notes: list[str]
-) -> tuple[list[Observation], int]:
-    """Return the profiles of a table in memory; times without an epoch are text, dates or integer nanoseconds.
+    name: str, variables: Mapping[str, Stored], asked: Asked
+) -> tuple[list[Observation], int, list[str]]:
+    """Return the profiles of a table in memory as ``profiles_of``, and notes on assumptions.
+
+    Times without an epoch are text, dates or integer nanoseconds.
 
     Args:
         name: Name of the table in errors.
         variables: Columns of the table.
         asked: As in ``profiles_of``, also for errors.
-        notes: Receives notes on assumptions.
     """
     table, chosen = _chosen(NetcdfFile(Path(name), {}, variables, ()), asked)
     time = table.variables[chosen["time"]]
@@ -75,25 +83,23 @@ def profiles_in_memory(
         time_ns = measured_at(time.values, f"{name}['{chosen['time']}']", EARLIEST_NS)
         dated = {chosen["time"]: Stored(time_ns.astype("M8[ns]"), {}, time.dims)}
         table = replace(table, variables={**table.variables, **dated})
-    return profiles_of(table, asked, notes)
+    return *profiles_of(table, asked), table.told.notes
 
 
-def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[Observation], int]:
+def profiles_of(file: NetcdfFile, asked: Asked) -> tuple[list[Observation], int]:
     """Return the profiles of a table in order of time, and the number of excluded rows without time or position.
 
     Args:
         file: Table; its path is named in errors.
         asked: Columns and constants that override standard names and names.
-        notes: Receives notes on assumptions.
 
     Raises:
         ConfigError: A column is missing, or a standard error is invalid.
         LogError: The unit of the times is unknown.
     """
     file, chosen = _chosen(file, asked)
-    values = read_values(file, PINGS, chosen, notes)
-    for key in ("longitude", "latitude", "depth", "u", "v"):
-        values[key] = without_bad(file, chosen[key], values[key], notes)
+    values = read_values(file, PINGS, chosen)
+    remove_bad(file, PINGS, chosen, values)
     rows = _over_rows(file, chosen, values)
     if "height" in rows:
         rows["depth"] = rows["depth"] - rows["height"]
@@ -150,7 +156,7 @@ def _pings(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
     """Return the profiles of a table, on ``/observations``."""
     del dialect
     try:
-        found, left_out = profiles_of(files[0], config.columns, told.notes)
+        found, left_out = profiles_of(files[0], config.columns)
     except ConfigError as error:
         raise LogError(str(error)) from error
     told.skipped[TOPIC, "row without a time or a place"] += left_out
@@ -254,8 +260,7 @@ def _read_rows(
     del dialect, config
     file = files[0]
     name = _time_name(file)
-    said: list[str] = []
-    time_ns = units.times_of(file, name, said).ravel()
+    time_ns = units.times_of(file, name).ravel()
     # one row per time, or constant, such as levels
     rows, fixed = dict[str, Array](), dict[str, Any]()
     n = time_ns.size
@@ -263,7 +268,7 @@ def _read_rows(
         is_number = stored.values.dtype.kind in "iufb"
         if other == name or "." in other or not is_number or stored.values.ndim > 2:
             continue
-        values = without_bad(file, other, stored.unpacked(), said)
+        values = without_bad(file, other, stored.unpacked())
         values = values if values.shape[:1] == (n,) else values.T
         if values.shape[:1] == (n,):
             rows[other] = values
@@ -280,12 +285,12 @@ def _read_rows(
             f"{file.path}: {_OTHER}, got no variable along {name} alone: {', '.join(file.variables)}{hint or _NOT_A_LOG}"
         )
     topic = f"{_ROWS_TOPIC}{name}"
-    told.notes.append(
+    told.notes.insert(
+        0,
         f"of no known glider dialect: each row over {name} is a message on {topic}, with {', '.join(rows)}"
         + (f", and at each row {', '.join(fixed)}" if fixed else "")
-        + hint
+        + hint,
     )
-    told.notes += said
     unknown = int((time_ns == 0).sum())
     at = np.argsort(time_ns, kind="stable")[unknown:]
     told.skipped[topic, "row without a time"] += unknown

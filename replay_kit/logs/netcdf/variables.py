@@ -12,7 +12,7 @@ import struct
 import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, count, islice
 from operator import itemgetter
 from pathlib import Path
@@ -34,6 +34,7 @@ from replay_kit.core.files.inputs import (
     unpacking,
 )
 from replay_kit.logs.opening import GZIP_MAGIC
+from replay_kit.logs.reader import Told
 
 _UNREADABLE = (
     OSError,
@@ -85,15 +86,6 @@ class Stored:
         value = self.attributes.get(attribute, "")
         return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
-    @property
-    def packing(self) -> tuple[float, float]:
-        """Scale factor and offset of the values; 1 and 0 by default."""
-        factor, offset = (
-            float(np.ravel(self.attributes.get(name, default))[0])
-            for name, default in (("scale_factor", 1.0), ("add_offset", 0.0))
-        )
-        return factor, offset
-
     def texts(self) -> list[str]:
         """Return the elements of a text or character array without padding; empty for other arrays."""
         values = self.values
@@ -111,14 +103,19 @@ class Stored:
                 return np.where(texts == b"", b"nan", texts).astype(np.float64)
             except ValueError:
                 return np.array([as_number(text) for text in self.texts()])
-        values, (factor, offset) = np.array(self.values, dtype=np.float64), self.packing
-        plain = (factor, offset) == (1.0, 0.0)
+        factor, offset = (
+            float(np.ravel(self.attributes.get(name, default))[0])
+            for name, default in (("scale_factor", 1.0), ("add_offset", 0.0))
+        )
+        values = np.array(self.values, np.float64)
         for name in ("_FillValue", "missing_value"):
-            fill = self.attributes.get(name)
-            if fill is not None and np.size(fill) and not isinstance(fill, str | bytes):
-                fill = fill if plain else packed_fill(fill, self.values.dtype, factor, offset)
-                values[values == float(np.ravel(fill)[0])] = np.nan
-        return values if plain else values * factor + offset
+            fill = np.ravel(self.attributes.get(name, np.nan))
+            if fill.size and fill.dtype.kind in "iuf":
+                stored = packed_fill(fill[0], self.values.dtype, factor, offset)
+                values[values == float(stored)] = np.nan
+        # zeros keep their sign
+        plain = (factor, offset) == (1.0, 0.0)
+        return values if plain else np.asarray(values * factor + offset)
 
 
 def as_number(text: str) -> float:
@@ -143,6 +140,7 @@ class NetcdfFile:
         variables: Variables read, by name, also of the group ``Data/Average``.
         names: Names of all variables of the file.
         sources: Files from which it was joined; empty for one file.
+        told: Receives what is assumed of the file.
     """
 
     path: Path
@@ -150,6 +148,11 @@ class NetcdfFile:
     variables: Mapping[str, Stored]
     names: tuple[str, ...]
     sources: tuple[Path, ...] = ()
+    told: Told = field(default_factory=Told)
+
+    def note(self, said: str) -> None:
+        """Add an assumption, as a sentence for the user."""
+        self.told.notes.append(said)
 
     def has(self, *names: str) -> bool:
         """Return whether all these variables were read."""

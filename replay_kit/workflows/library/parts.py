@@ -235,14 +235,13 @@ def write_observed(path: Path, value: Any, name: str, columns: Asked) -> None:
 
 def _table_profiles(value: Any, name: str, columns: Asked) -> list[Observation]:
     """Return the profiles of a table; assumptions about it are warnings. Units may be in brackets, as in a file."""
-    notes: list[str] = []
     stored, names = {}, {}
     for key, v in (held := dataset_of(value, name).variables).items():
         short, unit = name_and_unit(str(key))
         names[key] = short = str(key) if short in held else short
         stored[short] = Stored(v.values, {"units": unit, **v.attrs}, tuple(map(str, v.dims)))
     asked = {key: names.get(column_name, column_name) for key, column_name in columns.items()}
-    found, left_out = profiles_in_memory(name, stored, asked, notes)
+    found, left_out, notes = profiles_in_memory(name, stored, asked)
     if not found:
         raise ConfigError(f"{name}: expected rows with a time and a place (longitude -180 to 360)")
     if left_out:

@@ -17,8 +17,12 @@ def _stored(values, **attributes: Any):
     return Stored(np.asarray(values), attributes)
 
 
+def _file(stored):
+    return NetcdfFile(Path("a.nc"), {}, {"x": stored}, ())
+
+
 def _times(stored):
-    return units.times_of(NetcdfFile(Path("a.nc"), {}, {"t": stored}, ()), "t", []).tolist()
+    return units.times_of(_file(stored), "x").tolist()
 
 
 @pytest.mark.parametrize(
@@ -36,10 +40,10 @@ def _times(stored):
     ],
 )
 def test_units(unit, key, value, expected, note):
-    notes: list[str] = []
-    (found,) = units.in_si("x", _stored([value], units=unit), units.quantity_of(key), notes)
+    file = _file(_stored([value], units=unit))
+    found = units.in_si(file, "x", units.quantity_of(key))
     assert found == pytest.approx(expected, rel=1e-12)
-    assert notes == ([] if note is None else [f"x: {note}"])
+    assert file.told.notes == ([] if note is None else [f"x: {note}"])
 
 
 _2023 = 1_672_531_200.0
@@ -69,7 +73,7 @@ def test_times_of_a_clock_that_lost_them_are_unknown():
     values = np.array([-(2**63), 86_400 * 10**9, 1_700_000_000 * 10**9])
     stored = _stored(values, units="nanoseconds since 1970-01-01")
     assert _times(stored) == [0, 0, 1_700_000_000 * 10**9]
-    words = rf"a\.nc: t: expected units .* got '{SINCE}' and times from 5 on"
+    words = rf"a\.nc: x: expected units .* got '{SINCE}' and times from 5 on"
     with pytest.raises(LogError, match=words):
         _times(_stored([5.0], units=SINCE))
 
@@ -78,7 +82,7 @@ def test_days_before_months_are_read_and_days_after_them_refused():
     assert _times(Stored(np.array([b"02/01/2023 00:00"]), {}, ("row",))) == [
         (1_672_531_200 + 86_400) * 10**9
     ]
-    with pytest.raises(LogError, match=r"a\.nc: t: .* got '11/13/2018 03:00'"):
+    with pytest.raises(LogError, match=r"a\.nc: x: .* got '11/13/2018 03:00'"):
         _times(Stored(np.array([b"11/12/2018 03:00", b"11/13/2018 03:00"]), {}, ("row",)))
 
 
@@ -99,18 +103,18 @@ _NUMBERS = np.array([1, 2, 3, 4, 9], np.int8)
     ],
 )
 def test_flags_are_read_by_their_meanings(values, stated, meanings, usual, bad):
-    notes: list[str] = []
     about = {} if stated is None else {"flag_values": stated, "flag_meanings": meanings}
-    found = columns.flagged_bad("q", Stored(values, about), usual, notes)
-    assert found.tolist() == [int(value) in bad for value in values]
-    assert len(notes) == len(bad)
+    file = _file(Stored(values, about))
+    assert columns.flagged_bad(file, "x", usual).tolist() == [int(value) in bad for value in values]
+    assert len(file.told.notes) == len(bad)
 
 
 @pytest.mark.parametrize(("largest", "turned"), [(6.2, True), (6.4, False)])
 def test_headings_within_a_turn_in_radians_are_radians(largest, turned):
     values = np.linspace(0.0, largest, 30)
     # a few samples, or tilts within a right angle, tell nothing or the same
-    for name, given, whole_turn in (("h", values, True), ("p", values / 4.0, False)):
-        found = units.attitude_degrees(name, given, whole_turn, [])
+    file = _file(None)
+    for given, whole_turn in ((values, True), (values / 4.0, False)):
+        found = units.attitude_degrees(file, "x", given, whole_turn)
         np.testing.assert_allclose(found, np.rad2deg(given) if turned else given)
-    assert units.attitude_degrees("h", values[:5], True, [])[-1] == values[4]
+    assert units.attitude_degrees(file, "x", values[:5], True)[-1] == values[4]
