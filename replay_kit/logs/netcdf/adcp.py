@@ -263,7 +263,9 @@ def _variance_within(shear: Array, depth: Array) -> float:
 
 # what MIDAS writes beside the beams, and the names of these fields
 _SENSORS = {name: name for name in ("heading", "pitch", "roll", "pressure")} | {
-    "sound_speed": "speedofsound"
+    "sound_speed": "speedofsound",
+    "up": "accelerometerz",
+    "distance": "velocityrange",
 }
 _NORTEK_HEAD = (
     "beams assumed to be those of Nortek's glider head (47.5 degrees fore and aft, 25 abeam)"
@@ -288,17 +290,10 @@ def midas_pings(file: NetcdfFile) -> Iterator[Entry]:
         for word in ("velocity", "amplitude", "correlation")
         if all(f"{word}beam{k}" in held for k in beams)
     }
-    flat = {
-        name: file.array(held[sensor]).ravel()
-        for name, sensor in _SENSORS.items()
-        if sensor in held
-    }
+    flat = {name: file.flat(held.get(sensor, "")) for name, sensor in _SENSORS.items()}
+    up, distance = flat.pop("up"), flat.pop("distance")
     columns |= {name: values for name, values in flat.items() if values.size == time_ns.size}
     columns |= {"time": time_ns}
-    up, distance = (
-        file.array(held[name]).ravel() if name in held else np.empty(0)
-        for name in ("accelerometerz", "velocityrange")
-    )
     up = up[np.isfinite(up)]
     looks = "down" if up.size and np.median(up) < 0.0 else "up"
     file.told.notes += [
@@ -329,8 +324,8 @@ def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
     """
     beams = [file.array(name) for name in names]
     by_ping = [beam if beam.shape[:1] == (n,) else beam.T for beam in beams]
-    shape = by_ping[0].shape
-    if len(shape) != 2 or any(beam.shape != shape for beam in by_ping) or shape[0] != n:
+    shapes = {beam.shape for beam in by_ping}
+    if len(shapes) != 1 or by_ping[0].ndim != 2 or len(by_ping[0]) != n:
         found = ", ".join(f"{name} {beam.shape}" for name, beam in zip(names, beams, strict=True))
         raise LogError(
             f"{file.path}: expected beams with the same cells at each of {n} times, got {found}; export the file again"

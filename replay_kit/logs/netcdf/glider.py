@@ -114,12 +114,11 @@ def _positions(
 
 def _depth_at_times(samples: Table) -> Any:
     """Return the samples' depths [m], NaN where samples of one time have different depths."""
-    _, of_time = np.unique(samples["time"], return_inverse=True)
+    _, first, of_time = np.unique(samples["time"], return_index=True, return_inverse=True)
     depth = samples["depth"]
-    least, most = np.full((2, of_time.max(initial=-1) + 1), [[np.inf], [-np.inf]])
-    np.fmin.at(least, of_time, depth)
-    np.fmax.at(most, of_time, depth)
-    return np.where((most - least)[of_time] > _ONE_DEPTH, np.nan, depth)
+    # samples are in order of time
+    range_at_time = np.fmax.reduceat(depth, first) - np.fmin.reduceat(depth, first)
+    return np.where(range_at_time[of_time] > _ONE_DEPTH, np.nan, depth)
 
 
 #: Topics with the schema of their messages and the quantities in them (SI units, degrees, degrees Celsius, V, A h); a message is written

@@ -20,6 +20,7 @@ from replay_kit.logs.netcdf.columns import deciding_flags, is_failed, worst_flag
 from replay_kit.logs.netcdf.surface import LIGHT, RADAR, USUAL_ERROR, depth_of
 from replay_kit.logs.payloads import Entry, numbers, stamp
 from replay_kit.logs.reader import LogFile, Told, WholeLog, read_bytes
+from replay_kit.logs.tables.columns import first_reason
 
 #: First part of the topic, before the station's name.
 TOPIC = "/radar/radials"
@@ -79,9 +80,7 @@ def read_header(path: Path) -> Header:
             key, _, value = line[1:].partition(":")
             found.setdefault(key.strip(), value.strip())
     names = found.get("TableColumnTypes", "").split()
-    missing = [key for key in _KEYS if key not in found]
-    missing += [name for name in _COLUMNS if name not in names]
-    if missing:
+    if missing := [name for name in (*_KEYS, *_COLUMNS) if name not in (*found, *names)]:
         raise LogError(
             f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the original file"
         )
@@ -192,15 +191,15 @@ def _radials(file: Header) -> tuple[dict[str, Array], Counter[str]]:
     flag = held.get("VFLG", np.zeros(n)).astype(np.int64)
     tests = deciding_flags(names)
     quality = worst_flag([held[name].astype(np.int8) for name in tests], (n,))
-    over_land, failed, unflagged = flag & _OVER_LAND > 0, is_failed(quality), flag == 0
     dropped = {
-        "over land": over_land,
-        "flagged otherwise": ~unflagged & ~over_land,
-        f"failed by their quality flags ({', '.join(tests)})": failed & unflagged,
-        "without an error": np.isnan(std) & unflagged & ~failed,
+        "over land": flag & _OVER_LAND > 0,
+        "flagged otherwise": flag != 0,
+        f"failed by their quality flags ({', '.join(tests)})": is_failed(quality),
+        "without an error": np.isnan(std),
     }
-    counts = Counter({what: int(which.sum()) for what, which in dropped.items()})
-    good = ~np.any(list(dropped.values()), axis=0)
+    reasons = first_reason(dropped)
+    counts = Counter({what: int((reasons == what).sum()) for what in dropped})
+    good = reasons == ""
     columns = {
         "longitude": held["LOND"],
         "latitude": held["LATD"],

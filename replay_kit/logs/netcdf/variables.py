@@ -14,7 +14,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import chain, count, islice
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -162,10 +161,13 @@ class NetcdfFile:
         """Return a variable, NaN for fill values."""
         return self.variables[name].unpacked()
 
+    def flat(self, name: str) -> Array:
+        """Return a variable in one dimension; empty without one."""
+        return self.array(name).ravel() if self.has(name) else np.empty(0)
+
     def scalar(self, name: str) -> float:
         """Return a scalar variable; NaN without one."""
-        values = self.array(name).ravel() if self.has(name) else np.empty(0)
-        return float(values[0]) if values.size else float("nan")
+        return float(np.append(self.flat(name), np.nan)[0])
 
     @property
     def dive_number(self) -> int | None:
@@ -334,11 +336,9 @@ def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
         named = {name: Stored(np.empty(0), {}) for name, _ in headings if name}
         chosen = {*choose(named, {})}
         at = [k for k, (name, _) in enumerate(headings) if name in chosen]
-        # one or none has no getter of several
-        take = itemgetter(*at) if len(at) > 1 else lambda row: [row[k] for k in at]
         blocks, left_out = [np.empty((len(at), 0), "S1")], 0
         while some := list(islice(filter(None, table), _ROWS)):
-            rows = [*map(take, [row for row in some if len(row) == len(headings)])]
+            rows = [[row[k] for k in at] for row in some if len(row) == len(headings)]
             left_out += len(some) - len(rows)
             blocks.append(_block(rows, len(at)))
         cells = np.hstack(blocks)
