@@ -8,13 +8,12 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
 from replay_kit.core.words.quantities import metres_per_second
 from replay_kit.logs.netcdf.units import Quantity, quantity_of
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.payloads import Entry
-from replay_kit.logs.reader import Entries, Told
+from replay_kit.logs.reader import Entries
 
 Names = Mapping[str, str]
 # not at the surface, nor relative to the vehicle
@@ -28,8 +27,8 @@ def flag_names(name: str) -> Sequence[str]:
     return f"{name}_QC", f"{name}_qc"
 
 
-#: Reads the files of one log, in a dialect.
-Read = Callable[[Sequence[NetcdfFile], "Dialect", LogConfig, Told], Entries]
+#: Returns the messages of the files of one log, in a dialect; what is assumed is told to the files.
+Read = Callable[[Sequence[NetcdfFile], "Dialect"], Entries]
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from replay_kit.logs.netcdf.adcp import midas_pings, seaexplorer_pings, seaglide
 from replay_kit.logs.netcdf.dialect import Dialect
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
-from replay_kit.logs.netcdf.unknown import NEEDED, PINGS, ROWS, require_no_grid
+from replay_kit.logs.netcdf.unknown import NEEDED, PINGS, ROWS, pings_as, require_no_grid
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf, open_text
 from replay_kit.logs.reader import LogFile, Told, WholeLog
 
@@ -335,7 +335,7 @@ def log_of_columns(
     """
     paths = [path for file in files for path in file.sources or (file.path,)]
     files = [replace(file, told=told) for file in files]
-    entries = (dialect.read or glider)(files, dialect, config or LogConfig(), told)
+    entries = (dialect.read or glider)(files, dialect)
     return WholeLog(paths, dialect.name, told, entries, config, dialect.read is None)
 
 
@@ -371,7 +371,7 @@ def _opened(path: Path, form: Form, config: LogConfig) -> tuple[NetcdfFile, Dial
             flat = {name: stored for name, stored in held.items() if stored.extents < 3}
             require_no_grid(path, held)
             asked = form != "netcdf" or config.columns or PINGS.chosen(flat).keys() >= NEEDED
-            dialect, held = (PINGS, flat) if asked else (ROWS, held)
+            dialect, held = (pings_as(config.columns), flat) if asked else (ROWS, held)
         found.append(dialect)
         if dialect.by_times:
             return [dialect.chosen(held)["time"]]

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
 from replay_kit.core.words.text import count_text
 from replay_kit.logs.netcdf.adcp import INVERTED, PROFILES, absolute_profiles
@@ -17,14 +16,14 @@ from replay_kit.logs.netcdf.currents import DiveMean, fixes_of, mean_currents, p
 from replay_kit.logs.netcdf.dialect import MISSIONS, Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.payloads import DIVE_MEAN, FIX, Entry, entries, fix_entries, location_fix
-from replay_kit.logs.reader import Entries, Told
+from replay_kit.logs.reader import Entries
 
 _DECIMATED_NS = 60 * 1_000_000_000
 # m; samples of one time that lie farther apart have no depth of their own
 _ONE_DEPTH = 5.0
 
 
-def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
+def glider(files: Sequence[NetcdfFile], dialect: Dialect) -> Entries:
     """Return the messages of a glider's files, which are read whole.
 
     ``/vehicle/fix``: GPS. ``/vehicle/position``: once a minute. ``/adcp``: velocity relative to the glider. ``/adcp/inverted``,
@@ -33,13 +32,11 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
     Args:
         files: Files of one log, in order of time.
         dialect: Dialect of the files.
-        config: Ignored.
-        told: Receives assumptions and counts of unusable values.
 
     Raises:
         LogError: The unit of a variable is unknown.
     """
-    del config
+    told = files[0].told
     notes = told.notes
     if (count := sum(len(file.sources) or 1 for file in files)) > 1:
         notes.insert(0, f"{dialect.title}: {count} files are one log")

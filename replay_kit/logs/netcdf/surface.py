@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
@@ -26,7 +25,7 @@ from replay_kit.logs.netcdf.columns import (
 from replay_kit.logs.netcdf.dialect import Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.payloads import Entry, entries, numbers, stamp
-from replay_kit.logs.reader import Entries, Told
+from replay_kit.logs.reader import Entries
 
 RADAR, _TOTALS = "replay_kit.RadarCurrents", "/radar/totals"
 _FIX, _DRIFTERS = "replay_kit.DrifterFix", "/drifters"
@@ -57,16 +56,13 @@ def depth_of(frequency: float) -> float:
     return LIGHT / frequency / (8.0 * np.pi)
 
 
-def _totals(
-    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
-) -> Entries:
+def _totals(files: Sequence[NetcdfFile], dialect: Dialect) -> Entries:
     """Return the vectors of each time in SI units and degrees, without missing errors or failed flags.
 
     Raises:
         LogError: A file has no time.
     """
-    del config
-    notes = told.notes
+    notes = files[0].told.notes
     times: list[tuple[int, int, int]] = []
     for number_of, file in enumerate(files):
         time_ns = units.times_of(file, dialect.chosen(file.variables)["time"])
@@ -218,16 +214,12 @@ TOTALS = Dialect(
 )
 
 
-def _drifters(
-    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
-) -> Entries:
+def _drifters(files: Sequence[NetcdfFile], dialect: Dialect) -> Entries:
     """Return the fixes of drifters with their drogue status.
 
     Raises:
         LogError: Columns have different lengths.
     """
-    del config
-    del told
     tables = [_drifter_fixes(file, dialect) for file in files]
     return lambda: [(), *map(_fixes, tables)]
 

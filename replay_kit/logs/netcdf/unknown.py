@@ -6,12 +6,12 @@ form a profile.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.observation import Observation, usable
@@ -29,7 +29,7 @@ from replay_kit.logs.netcdf.columns import (
 from replay_kit.logs.netcdf.dialect import Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.payloads import PING, entries, numbers, stamp
-from replay_kit.logs.reader import Entries, Told
+from replay_kit.logs.reader import Entries
 
 TOPIC = "/observations"
 _EXPECTED = "expected a table with the columns time, longitude, latitude, depth [m], u, v and error [m/s], a row a depth"
@@ -152,14 +152,14 @@ def _over_rows(file: NetcdfFile, chosen: Mapping[str, str], values: Table) -> Ta
     return {key: array.values.ravel() for key, array in zip(held, spread, strict=True)}
 
 
-def _pings(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
+def _pings(asked: Asked, files: Sequence[NetcdfFile], dialect: Dialect) -> Entries:
     """Return the profiles of a table, on ``/observations``."""
     del dialect
     try:
-        found, left_out = profiles_of(files[0], config.columns)
+        found, left_out = profiles_of(files[0], asked)
     except ConfigError as error:
         raise LogError(str(error)) from error
-    told.skipped[TOPIC, "row without a time or a place"] += left_out
+    files[0].told.skipped[TOPIC, "row without a time or a place"] += left_out
     return lambda: [((one.time_ns, TOPIC, PING, ping_of(one, k)) for k, one in enumerate(found))]
 
 
@@ -219,10 +219,16 @@ PINGS = Dialect(
         **dict.fromkeys(("u", "v", "error"), "m/s"),
     },
     beside=".*",
-    read=_pings,
+    read=partial(_pings, {}),
 )
 #: Quantities that a table of pings has; cells of a mooring may have heights above the depth of its instrument.
 NEEDED = PINGS.names.keys() - {"height"}
+
+
+def pings_as(asked: Asked) -> Dialect:
+    """Return the dialect of tables of pings with some columns or constants as asked."""
+    return replace(PINGS, read=partial(_pings, asked))
+
 
 # first part of the topic of rows, before the name of the time variable
 _ROWS_TOPIC = "netcdf/"
@@ -249,16 +255,14 @@ def require_no_grid(path: Path, held: Mapping[str, Stored]) -> None:
             )
 
 
-def _read_rows(
-    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
-) -> Entries:
+def _read_rows(files: Sequence[NetcdfFile], dialect: Dialect) -> Entries:
     """Return the messages of a file with rows over one time; rows without a time are counted and excluded.
 
     Raises:
         LogError: The file has no time, or no variable along it.
     """
-    del dialect, config
-    file = files[0]
+    del dialect
+    file, told = files[0], files[0].told
     name = _time_name(file)
     time_ns = units.times_of(file, name).ravel()
     # one row per time, or constant, such as levels
