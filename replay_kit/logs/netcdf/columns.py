@@ -306,13 +306,11 @@ def _tables(values: Table) -> Columns:
         if n and found.size in (1, n) and not key.startswith(("gps_", "profile_"))
     }
     dac = {} if "dac_east" in samples else _alike(values, ("dac_", "dive"), "dac_east")
-    gps = dict(values)
-    if gps.get("gps_longitude", np.empty(0)).size == n:
+    gps = _alike(values, ("gps_",), "gps_longitude")
+    gps_time = values.get("gps_time", np.zeros(n, np.int64)).ravel()
+    if gps and gps_time.size == gps["gps_longitude"].size == n:
         # some writers state the position of a fix and leave its time to the row
-        gps_time = values.get("gps_time", np.zeros(n, np.int64)).ravel()
-        if gps_time.size == n:
-            gps["gps_time"] = np.where(gps_time > 0, gps_time, time)
-    gps = _alike(gps, ("gps_",), "gps_longitude")
+        gps["gps_time"] = np.where(gps_time > 0, gps_time, time)
     profile = _profile(values, n, order)
     if profile:
         has = np.isfinite(profile["east"] + profile["north"])

@@ -188,7 +188,11 @@ def ping_of(profile: Observation, ordinal: int) -> dict[str, Any]:
 
 
 # what is too fast or too deep is flagged later, and counted
-_SPEED, _DEPTH = (each._replace(low=-np.inf, high=np.inf) for each in (units.SPEED, units.LENGTH))
+_UNBOUNDED = {
+    key: quantity._replace(low=-np.inf, high=np.inf)
+    for quantity, keys in ((units.LENGTH, ("depth", "height")), (units.SPEED, ("u", "v", "error")))
+    for key in keys
+}
 PINGS = Dialect(
     "table",
     "Table of pings",
@@ -209,14 +213,10 @@ PINGS = Dialect(
         "v": "northward_sea_water_velocity",
         "error": "eastward_sea_water_velocity standard_error",
     },
-    quantities={
-        **dict.fromkeys(("depth", "height"), _DEPTH),
-        **dict.fromkeys(("u", "v", "error"), _SPEED),
-    },
+    quantities=_UNBOUNDED,
     units={
         **dict.fromkeys(("longitude", "latitude"), "degrees"),
-        **dict.fromkeys(("depth", "height"), "m"),
-        **dict.fromkeys(("u", "v", "error"), "m/s"),
+        **{key: quantity.unit for key, quantity in _UNBOUNDED.items()},
     },
     beside=".*",
     read=partial(_pings, {}),
