@@ -262,24 +262,23 @@ def columns_of(event: Measurement) -> Columns:
 def _refuse_duplicates(
     columns: Columns, used: NDArray[np.bool_], refused: NDArray[np.int32], last: Last | None
 ) -> Last | None:
-    """Mark measurements equal to the last used one, duplicates without new information; return the last used."""
-    at = np.flatnonzero(used.any(axis=1) & (refused == Reason.NONE))
-    times = columns["time"]
-    before = None if last is None else last[0]
-    row = -1
+    """Mark measurements that repeat the last used one, also from a log of fewer digits, and add nothing; return the last used."""
+    times = columns["time"].tolist()
+    for i in np.flatnonzero(used.any(axis=1) & (refused == Reason.NONE)).tolist():
+        found = times[i], tuple(columns[name][i] for name in _NUMBERS)
+        if last is not None and found[0] == last[0] and all(map(_alike, found[1], last[1])):
+            refused[i] = Reason.DUPLICATE
+        else:
+            last = found
+    return last
 
-    def what(i: int) -> tuple[Any, ...]:
-        return tuple(columns[name][i] for name in _NUMBERS)
 
-    for i in at.tolist():
-        if times[i] == before:
-            held = last[1] if row < 0 and last is not None else what(row)
-            pairs = zip(held, what(i), strict=True)
-            if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
-                refused[i] = Reason.DUPLICATE
-                continue
-        row, before = i, times[i]
-    return last if row < 0 else (int(times[row]), what(row))
+def _alike(one: Array, other: Array) -> bool:
+    """Return whether values differ by rounding to 32 bits at most."""
+    same = np.shape(one) == np.shape(other)
+    return same and np.allclose(one, other, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True)
 
 
 _NUMBERS = ("longitude", "latitude", "depth", "velocity")
+# Of float32, and of degrees stored as integers: 1e-7.
+_ROUNDING = 1e-6
