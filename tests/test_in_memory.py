@@ -52,7 +52,7 @@ def test_an_estimate_whose_ensemble_hardly_covers_the_current_is_used_with_care(
         narrow[name].attrs = sea[name].attrs
     outcome = rk.replay([*_profiles(20)], narrow, settings={"estimator": {"modes": 6}}).outcome
     assert outcome.verdict.word == "with care"
-    assert "multiplied by 300, as" in outcome.verdict.reasons[1]
+    assert "multiplied by 280, as" in outcome.verdict.reasons[1]
     assert "hardly covers this current" in outcome.outside[0]
 
 

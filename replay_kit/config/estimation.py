@@ -39,8 +39,7 @@ class TimeConfig(Section):
     """``[time]``: change of the current in time, oscillations, and biases of the instrument.
 
     Attributes:
-        scale: Decorrelation time of the forecast error [s]; auto: from the ensemble's change between its times; static:
-            the current does not change.
+        scale: Decorrelation time of the forecast error [s]; auto: the ensemble's between its times, 20 days with one; static: none.
         window: Time within which profiles that repeat each other are combined [s], for logs of 1 to 10 Hz; 0: none;
             auto: by the current's change.
         oscillators: Oscillations uniform over the region with their own depth structure: inertial, M2, S2, K1, O1.

@@ -22,6 +22,8 @@ from replay_kit.estimator.update.columns import Observer
 from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
 from replay_kit.estimator.update.revision import Evidence
 
+# Of a forecast of one time [s]. Where the current does change, a time of 10 to 40 days serves as well, and none at all is far off.
+_DECORRELATION = 20.0 * 86_400.0
 # Mixtures of the members' own evolutions decorrelate more slowly than the current at a place, by this factor.
 _TRAJECTORY_FACTOR = 5.0
 
@@ -67,21 +69,22 @@ def build(
     evidence, extras = None, None
     if time is not None:
         scales = scales_of(weights, times_ns, time)
-        of_local = np.arange(process.size) >= process.moving.shape[1]
-        process = replace(process, tau=np.where(of_local, scales[1], scales[0]))
+        of_members = np.arange(process.size) < process.moving.shape[1]
+        process = replace(process, tau=np.where(of_members, *scales))
         # the squared difference of a current that is forgotten over T grows by 2 variances over T
         grouping = replace(grouping, change=2.0 * spread_of(forecasts) ** 2 / scales[1])
         if time.oscillators or time.biases:
             grid = basis.grid
             place = grid.projection.latitude, float(grid.levels[-1])
             extras = extras_of(time, *place, int(times_ns[0]))
-    elif config.spread is None or config.spread == "fit":
+    if n_times == 1 and extras is None and config.spread in (None, "fit"):
         made = config.spread == "fit" or bool(forecasts[0].made_from)
-        averages = config.mean_variance is None
-        evidence = Evidence(parts, few, settings, config.dropped_std, made, averages)
+        evidence = Evidence(
+            parts, few, settings, config.dropped_std, made, config.mean_variance is None
+        )
     observer = Observer(basis, process, dropped, extras=extras)
     probability = None if gating is None or gating.gate == "off" else gating.gate_probability
-    notes = (f"prior: {settings}", *([] if time is None else [f"through time: {process}"]))
+    notes = f"prior: {settings}", f"through time: {process}"
     return ReducedBasisEstimator(
         observer, evidence, probability, forecasts[0].time_ns, grouping, notes
     )
@@ -118,7 +121,7 @@ def independent_process(time_ns: int | None, mean: Array, patterns: Array) -> Pr
 
 
 def scales_of(weights: Array, times_ns: NDArray[np.int64], time: TimeConfig) -> tuple[float, float]:
-    """Return the decorrelation times of member mixtures and of local directions [s]; inf for constants.
+    """Return the decorrelation times of member mixtures and of local directions [s]; equal for one forecast time, inf for constants.
 
     Args:
         weights: shape (T, E, Z, r), weights of the members.
@@ -128,11 +131,11 @@ def scales_of(weights: Array, times_ns: NDArray[np.int64], time: TimeConfig) -> 
     local = np.inf if time.scale == "static" else time.scale
     if local == "auto":
         local = decorrelation_time(weights - weights.mean(axis=1, keepdims=True), times_ns)
-    return _TRAJECTORY_FACTOR * float(local), float(local)
+    return (_TRAJECTORY_FACTOR if times_ns.size > 1 else 1.0) * float(local), float(local)
 
 
 def decorrelation_time(anomalies: Array, times_ns: NDArray[np.int64]) -> float:
-    """Return the decorrelation time of anomalies [s], from the pooled correlation of neighbouring times; inf for one time.
+    """Return the decorrelation time of anomalies [s], from the pooled correlation of neighbouring times; a usual one without any.
 
     Args:
         anomalies: shape (T, E, Z, r), anomalies of the weights.
@@ -141,7 +144,7 @@ def decorrelation_time(anomalies: Array, times_ns: NDArray[np.int64]) -> float:
     size = np.linalg.norm(anomalies.reshape(len(anomalies), -1), axis=1)
     apart = times_with_spread(size)
     if apart.size < 2:
-        return float("inf")
+        return _DECORRELATION
     flat, size = anomalies[apart].reshape(apart.size, -1), size[apart]
     correlation = np.sum(flat[1:] * flat[:-1], axis=1) / (size[1:] * size[:-1])
     seconds = np.diff(times_ns[apart]) / 1e9

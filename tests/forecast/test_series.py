@@ -93,7 +93,7 @@ def test_the_same_time_twice_and_land_that_changes_are_refused(tmp_path):
         read_series(with_leads(tmp_path / "b.nc", holes=True), ForecastConfig())
 
 
-THROUGH_TIME = {"time": {"scale": 86400.0}}
+THROUGH_TIME = {"time": {"biases": ["heading"]}}
 
 
 def spread_of(settings, spread, members=None):
@@ -120,7 +120,7 @@ def test_a_spread_that_is_not_fitted_is_said(lags, settings, spread, who):
     found = read_forecasts(lags, config, None, None)
     notes = [note for note in found.notes if "the spread of members" in note]
     assert len(notes) == bool(who)
-    assert all(note.endswith(f"as their error: {who} does not fit it") for note in notes)
+    assert all(note.endswith(f": {who} does not fit it") for note in notes)
     assert found.ensemble.notes == found.notes
 
 

@@ -24,7 +24,7 @@ _STRAYS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowedEstimator(Estimator[WindowedState]):
-    """Constant estimates of windows; each begins with the information of its vehicle's previous window in their overlap.
+    """Estimates of windows; each begins with the information of its vehicle's previous window in their overlap.
 
     Vehicles near each other share a window. Each measurement is assimilated in all windows that contain it, once in each. Results refer to
     the vehicle's window. All windows have one local frame and the same levels.

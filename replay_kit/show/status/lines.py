@@ -340,7 +340,7 @@ def _planned(values: Values) -> Iterator[str]:
 def _ages(values: Values) -> Iterator[str]:
     ahead = values["ends_in_s"]
     if ahead is None:
-        yield f"of {values['since']}, held constant"
+        yield f"of {values['since']} alone"
         return
     ends = f"ends in {hours_text(ahead)}" if ahead >= 0.0 else f"ENDED {hours_text(ahead)} ago"
     yield f"{values['since']} to {values['last']}; {ends}"

@@ -253,10 +253,7 @@ class KnownCurrent:
             else time_text(self.first.time_ns)
         )
         if self.process is not None:
-            return (
-                f"the forecast has one time, {when}: the estimate returns to it at the ensemble's rate of change; beyond {hours:.0f} h "
-                "this is a guess"
-            )
+            return f"after {when} the estimate returns to the forecast; beyond {hours:.0f} h this is a guess"
         if not np.isfinite(hours):
             return (
                 f"the current is frozen at {when}; for how long is unknown, as it has no vorticity"

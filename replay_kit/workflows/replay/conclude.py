@@ -247,7 +247,7 @@ def _score(
         # the window that the estimate is of
         box = bounds_of(flow.grid)
         forecasts = replace(forecasts, series=(forecasts.read(box),))
-    elif forecasts.evolves:
+    elif flow.process is not None:
         # the estimate is of the log's end, and so is what it is compared with
         near_ns = flow.time_ns
     truth = open_truth(job, config, near_ns, forecasts.ensemble, box)

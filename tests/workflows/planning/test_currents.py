@@ -229,7 +229,7 @@ def test_notes_say_for_how_long_a_current_is_known():
     for current, words in (
         (frozen, guess),
         (KnownCurrent((still_flow(),), 43200.0), "for how long is unknown"),
-        (known, "returns to it at the ensemble's rate of change"),
+        (known, "the estimate returns to the forecast"),
     ):
         assert words in current.notes(NOON, NOON + HOUR)[0]
 

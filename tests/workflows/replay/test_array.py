@@ -29,6 +29,7 @@ from tests.workflows.replay.interrupted import goes_on, often
 ENSEMBLE = SAMPLES / "ensemble.nc"
 TOML = """
 forecast.levels = [5, 150, 500]
+time.scale = "static"
 measurements.flight_bias = false
 planner.samples = 3
 [estimator]

@@ -161,7 +161,9 @@ def test_how_a_run_with_a_contradiction_ends_is_in_its_answer(
     ocean, tmp_path, fault, more, codes, status
 ):
     settings, answer, out = (tmp_path / name for name in ("run.toml", "answer.json", "out.mcap"))
-    quick = "[estimator]\nmodes = 20\nsample_share = 0.5\nshift_distance = 0.0\n"
+    quick = (
+        "time.scale = 'static'\n[estimator]\nmodes = 20\nsample_share = 0.5\nshift_distance = 0.0\n"
+    )
     settings.write_text(quick + more)
     files = f"--ensemble {ocean}/ensemble.nc --config {settings} -o {out}"
     done = invoke(f"replay {faulty(ocean, fault)} {files} --json {answer}")

@@ -119,9 +119,10 @@ def test_mean_currents_of_real_files_are_used(ocean, name, read, used):
 def test_a_result_keeps_the_declination_and_a_plan_the_radius_of_the_log(ocean):
     """The last dive's: the radius was 2000 m before."""
     replayed(ocean, " ".join(f"{DATA}/seaglider/p171010{dive}.nc" for dive in (3, 4)))
-    flown = AsFlown.in_metadata(metadata_of(ocean / "out.mcap"))
     # the file has it in single precision
-    assert flown.declination == pytest.approx(-1.2, abs=1e-6)
+    assert AsFlown.in_metadata(metadata_of(ocean / "out.mcap")).declination == pytest.approx(
+        -1.2, abs=1e-6
+    )
     places = "--start 85.91,12.13,0 --goal 85.95,12.13,0 --samples 3 --json -"
     plan = json.loads(succeed(f"plan {ocean}/out.mcap {places}").stdout)
     assert plan["samples"]["radius_m"] == 1852.0

@@ -138,8 +138,7 @@ def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(followed
     assert len(result.estimates) > 2
     # the half-open ends count a row or a column more or less
     assert max(one.grid.east.size for one in result.estimates) < 1.1 * STRIP.window
-    told = f"{len(result.estimates)} windows followed the vehicle"
-    assert any(told in note for note in summary.notes)
+    assert f"{len(result.estimates)} windows followed the vehicle" in " ".join(summary.notes)
     assert summary.truth is not None
     assert np.array_equal(result.estimates[-1].latent, flow.latent)
     columns = np.arange(8, 70, 2)
@@ -147,9 +146,7 @@ def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(followed
     at = result.velocity_at(*places)
     *members, truth = of.velocity[:, :, 0, STRIP.rows // 2, columns]
     mean = np.mean(members, axis=0)
-    assert np.isfinite(at.u).all()
-    error = np.array([at.u, at.v]) - truth
-    assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean((mean - truth) ** 2))
+    assert np.linalg.norm([at.u, at.v] - truth) < 0.5 * np.linalg.norm(mean - truth)
     assert np.isnan(flow.velocity_at(*places).u[0])
 
 

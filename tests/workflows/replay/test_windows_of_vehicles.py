@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.errors import MeasurementError
@@ -31,6 +32,7 @@ SETTINGS = often(CONFIG).model_copy(
     update={
         "estimator": EstimatorConfig(modes=20, sample_share=0.3, shift_distance=0.0),
         "forecast": ForecastConfig(window_points=BASIN.window),
+        "time": TimeConfig(scale="static"),
     }
 )
 # Columns of the grid along which each goes: one in the west, one that comes into its window, one in the east.

@@ -39,7 +39,7 @@ class Forecasts:
 
     Attributes:
         series: Forecast at the used times, in order.
-        evolves: Whether the estimate changes in time.
+        evolves: Whether the estimate follows the forecast's times, or has further unknowns that change.
         near_ns: Time of the logs' first message [ns, UTC]; None without one.
         region: Part of the forecast found from the logs; None if all of it, or the part in the settings, was read.
         read: Reads another window of the forecast, in the local frame of the first; None for a single window.
@@ -83,8 +83,7 @@ def read_forecasts(
 ) -> Forecasts:
     """Return the forecast at the times of the settings.
 
-    The estimate changes in time with a forecast of several dated times, unless one is chosen or ``time.scale`` is static; also with a time
-    scale, oscillations or biases.
+    The estimate follows the times of a forecast of several, unless one is chosen or ``time.scale`` is static.
 
     Args:
         path: Files of the ensemble.
@@ -113,7 +112,7 @@ def read_forecasts(
     )
     if is_default and (asked or config.time.scale == "auto"):
         series = read_series(found or path, part, near_ns=near_ns, place_at=place_at)
-        evolves = asked or len(series) > 1
+        evolves = len(series) > 1 or bool(config.time.oscillators or config.time.biases)
     else:
         ensemble = read_ensemble(found or path, part, near_ns=near_ns, place_at=place_at)
         series, evolves = (ensemble,), False
@@ -197,10 +196,8 @@ def build(forecasts: Forecasts, config: RunConfig, vehicles: int = 1) -> Estimat
     elif config.estimator.name != OWN:
         made = build_named(forecasts.ensemble, config.estimator)
     else:
-        series, time = [forecasts.ensemble], None
-        if forecasts.evolves:
-            series, time = [*forecasts.series], config.time
-        made = build_reduced(series, config.estimator, config.gating, time)
+        series = forecasts.series if forecasts.evolves else (forecasts.ensemble,)
+        made = build_reduced(series, config.estimator, config.gating, config.time)
     return with_window(made, config.time.window)
 
 
@@ -229,7 +226,7 @@ def _windowed(
     @lru_cache(maxsize=vehicles + 1)
     def estimator_of(region: Region) -> ReducedBasisEstimator:
         ensemble = forecasts.ensemble if region == found.region else read(region)
-        return build_reduced([ensemble], config.estimator, config.gating)
+        return build_reduced([ensemble], config.estimator, config.gating, config.time)
 
     grouping = estimator_of(found.region).grouping
     return WindowedEstimator(found.region, found.margin, found.bounds, estimator_of, grouping)
