@@ -7,7 +7,7 @@ import pytest
 
 import planners
 import replay_kit as rk
-from replay_kit.config.estimation import GatingConfig
+from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build
 from tests.properties.world import GLIDER, HERE, mission, places, replace, replayed, sea, tables
@@ -31,7 +31,7 @@ def made(tmp_path_factory):
             "mean_variance": 0.0,
         }
         config = EstimatorConfig(**stated, representation_error_std=unresolved)
-        return build([forecast], config, GatingConfig(**gating))
+        return build([forecast], config, GatingConfig(**gating), TimeConfig())
 
     return built
 
@@ -91,6 +91,23 @@ def test_errors_are_as_large_as_stated_where_nothing_was_measured(made):
             state, _ = it.assimilate(state, [profile(truth, rng, number=number)])
         squares += squares_of_errors(it.flow(state), truth, rng)
     assert 0.75 < np.mean(squares) < 1.3
+
+
+@pytest.mark.parametrize("turn", [0.06, 0.24])
+def test_errors_are_about_as_large_as_stated_in_a_current_that_changes(made, turn):
+    """A profile each half day for six, in truths that turn into others, in radians a day; held constant, 2 to 7 times as large."""
+    it, rng, squares = made(gate_probability=1e-5), np.random.default_rng(9), []
+    mean = it.flow(it.initial()).latent
+    for one, other in zip(truths(it, 8, 9), truths(it, 8, 10), strict=True):
+        state = it.initial()
+        for number in range(13):
+            angle = 0.5 * turn * number
+            off = np.cos(angle) * (one.latent - mean) + np.sin(angle) * (other.latent - mean)
+            truth = replace(one, latent=mean + off)
+            seen = profile(truth, rng, number=number * 43_200 * 10**9)
+            state, _ = it.assimilate(state, [seen])
+        squares += squares_of_errors(it.flow(state), truth, rng)
+    assert 0.3 < np.mean(squares) < 1.6
 
 
 def test_errors_that_persist_from_bin_to_bin_though_stated_as_independent_reject_no_profile(made):
