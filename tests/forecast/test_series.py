@@ -116,11 +116,10 @@ def spread_of(settings, spread, members=None):
     ],
 )
 def test_a_spread_that_is_not_fitted_is_said(lags, settings, spread, who):
-    config = spread_of(settings, spread, {"members": "lags"})
-    found = read_forecasts(lags, config, None, None)
+    found = read_forecasts(lags, spread_of(settings, spread, {"members": "lags"}), None, None)
     notes = [note for note in found.notes if "the spread of members" in note]
     assert len(notes) == bool(who)
-    assert all(note.endswith(f": {who} does not fit it") for note in notes)
+    assert all(note.endswith(f"as their error: {who} does not fit it") for note in notes)
     assert found.ensemble.notes == found.notes
 
 
